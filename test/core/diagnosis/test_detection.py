@@ -5,13 +5,13 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.diagnosis import detection
 from valve_twin.core.diagnosis.changes.finding import UNKNOWN
 from valve_twin.core.diagnosis.changes.jumps import BEYOND
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.isolability import isolability
 from valve_twin.core.diagnosis.table import FACTORS, SIZES, whitener, with_floor
+from valve_twin.core.diagnosis.watch import alarm
 
 ONSET = 60
 
@@ -143,9 +143,9 @@ def test_a_change_that_comes_slowly_is_less_often_taken_for_a_sudden_one(table, 
     leak = np.array([s for s in table.signatures if s.fault == "leak"][1].change)
     way = np.clip(np.arange(100.0) - ONSET, 0.0, None)[:, None]  # 0.4 deviations a cycle
     alarms = []
-    for abrupt, beyond in ((detection._ABRUPT, BEYOND), (-np.inf, -np.inf)):
-        monkeypatch.setattr(detection, "_ABRUPT", abrupt)
-        monkeypatch.setattr(detection, "BEYOND", beyond)
+    for abrupt, beyond in ((alarm.ABRUPT, BEYOND), (-np.inf, -np.inf)):
+        monkeypatch.setattr(alarm, "ABRUPT", abrupt)
+        monkeypatch.setattr(alarm, "BEYOND", beyond)
         vectors = (healthy(table, 100, seed) + 0.4 / 12.0 * way * leak for seed in range(8))
         alarms.append(sum(bool(search(table, v).findings) for v in vectors))
     assert alarms[0] < alarms[1]

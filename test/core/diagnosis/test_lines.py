@@ -8,24 +8,46 @@ import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis.config import DetectionConfig
-from valve_twin.core.diagnosis.lines import fit_change, rays_of_steps, strayed, whitened_rays
+from valve_twin.core.diagnosis.lines import (
+    fit_change,
+    rays_of_steps,
+    whitened_rays,
+)
+from valve_twin.core.diagnosis.watch.straight import Sums, follow
 from valve_twin.core.valves.press_cartridge import MODEL
 
 CONFIG = DetectionConfig()
 
 
-@pytest.mark.parametrize(("spread", "least", "most"), [(1.0, 1.0, 1.25), (3.0, 2.2, 3.5)])
+def strayed(w, m=1):
+    """Return how far each m of (N, F) cycles lie off, and by how much those before strayed."""
+    sums, begin = Sums.of(w), CONFIG.least + m - 1
+    squares = np.zeros((CONFIG.recent, w.shape[1]))
+    ratio, factor = np.empty((2, len(w) - begin, w.shape[1]))
+    rule = (m, CONFIG.window, CONFIG.threshold)
+    rays = np.eye(w.shape[1])
+    of = (sums.total, sums.total, sums.moment)
+    found = follow(*of, rays, begin, 0, rule, squares, ratio, factor)
+    assert found == bool((ratio > np.sqrt(CONFIG.threshold)).any())
+    return ratio, factor
+
+
+@pytest.mark.parametrize(("spread", "least", "most"), [(1.0, 1.0, 1.35), (3.0, 2.2, 4.0)])
 def test_it_is_the_root_mean_square_of_what_was_known_before(spread, least, most):
-    ratio = spread * np.random.default_rng(5).standard_normal((200, 30))
-    factor = strayed(ratio, CONFIG)
+    ratio, factor = strayed(spread * np.random.default_rng(5).standard_normal((200, 30)))
     assert np.all(factor[: CONFIG.recent] == 1.0)
     assert np.all((factor[150:] >= least) & (factor[150:] <= most))
+    row = 120
+    squares = np.minimum(ratio[: row - CONFIG.recent + 1] ** 2, CONFIG.threshold)
+    by_chance = CONFIG.recent + squares.sum(axis=0)
+    mean = by_chance / (row + 1)
+    assert factor[row] == pytest.approx(np.sqrt(np.maximum(mean, 1.0)), rel=1e-12)
 
 
 def test_the_newest_cycles_which_are_judged_do_not_count():
-    ratio = np.zeros((40, 1))
-    ratio[30:] = 5.0
-    factor = strayed(ratio, CONFIG)[:, 0]
+    w = np.zeros((50, 1))
+    w[38:] = 25.0
+    factor = strayed(w)[1][:, 0]
     assert np.all(factor[: 30 + CONFIG.recent] == 1.0)
     assert factor[-1] > 1.0
 

@@ -20,6 +20,7 @@ from valve_twin.core.aging import AgingConfig, assess
 from valve_twin.core.aging.cutting.ahead import look_ahead
 from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
+from valve_twin.core.diagnosis.watch.memory import Known
 from valve_twin.core.past.columns import past_of
 from valve_twin.core.past.state import AgingState
 from valve_twin.core.past.stored import freeze
@@ -160,16 +161,17 @@ def _verdicts(cycles: int, repeats: int) -> Iterator[Ratio]:
 
 
 def _with_features() -> Iterator[Ratio]:
-    """Compare verdicts that rest on features as well, of as many as are kept, with early ones."""
+    """Compare verdicts that rest on features, too, with early ones and with judging all anew."""
     taken = []
-    for cycles in (_YOUNG, _FEATURED):
+    for cycles, anew in ((_YOUNG, False), (_FEATURED, False), (_FEATURED, True)):
         state = AgingState()
         for estimates in zip(life(cycles), features(cycles), strict=True):
             for estimate in estimates:
                 state.add(estimate)
-        taken.append(_goes_on(state, Memory(), cycles, features)[0])
+        taken.append(_goes_on(state, Memory(), cycles, features, anew=anew)[0])
     what = f"verdict with features after cycle {_FEATURED}"
     yield Ratio(what, f"one after cycle {_YOUNG}", taken[1], taken[0], 0.3)
+    yield Ratio(what, "one that judges all of them anew", taken[1], taken[2], 2.0)
 
 
 def _assess(past: Past, memory: Memory | None = None) -> None:
@@ -181,10 +183,13 @@ def _goes_on(
     memory: Memory,
     cycles: int,
     beside: Callable[[int, int], Iterator[Estimate]] = lambda *_: iter(()),
+    *,
+    anew: bool = False,
 ) -> tuple[float, float]:
     """Return what the verdicts of the next cycles take, their median and the longest [s].
 
-    What is searched ahead is searched between them, as a monitor does.
+    What is searched ahead is searched between them, as a monitor does; where `anew`, what
+    features showed before is not remembered.
     """
     taken = []
     _assess(state.past(), memory)
@@ -193,6 +198,8 @@ def _goes_on(
         for estimate in filter(None, estimates):
             state.add(estimate)
         past = state.past()
+        if anew:
+            memory.faults = Known()
         begin = time.process_time()
         _assess(past, memory)
         taken.append(time.process_time() - begin)

@@ -176,7 +176,7 @@ def assess(
         for p in followed
     ]
     trends = tuple(trend for trend, _ in results)
-    diagnosis = NOTHING if config.label else diagnose(past, maintenance)
+    diagnosis = NOTHING if config.label else diagnose(past, maintenance, known.faults)
     if any(f.fault == CLOCK for f in diagnosis.findings):
         trends = tuple(
             replace(_without_forecast(t), reason=f"{t.reason}; no forecast: the clocks run apart")

@@ -120,6 +120,9 @@ class DetectionConfig:
         check_quantities(self)
 
 
+OF_A_MODEL = DetectionConfig()
+"""For features that a model has of its own."""
+
 OF_ANY_VALVE = DetectionConfig(alone=1e-4, departs=0.0, varies=0.25)
 """For features of any valve."""
 
@@ -136,5 +139,5 @@ def detection_of(features: FeatureSet) -> DetectionConfig:
         Which they are.
     """
     if not features.of_any_valve:
-        return DetectionConfig()
+        return OF_A_MODEL
     return BY_A_MODEL if features.by_model else OF_ANY_VALVE

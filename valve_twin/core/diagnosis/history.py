@@ -17,21 +17,23 @@ from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.generic.motion import motion_from
-from valve_twin.core.diagnosis.generic.reference import has_noise_of_rest, has_reference
+from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
-from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, without_slips
+from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still
 from valve_twin.core.diagnosis.table import BY_NAME, PAIRS, partner
-from valve_twin.core.past.columns import Settled, feature_vectors, past_of
+from valve_twin.core.diagnosis.watch.growing import present
+from valve_twin.core.diagnosis.watch.memory import Known
+from valve_twin.core.past.columns import Settled, past_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from valve_twin.core.diagnosis.config import DetectionConfig
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.past.columns import Past, Rows
-    from valve_twin.core.types import Estimate, FloatArray, IntArray, Maintenance
+    from valve_twin.core.types import BoolArray, Estimate, FloatArray, IntArray, Maintenance
     from valve_twin.core.valves.interface import ValveModel
 
 _DIRECT = (NOISE, freezing.MISSED, freezing.DUE, bounds.OFF_SEAT, bounds.WEAK_SMALL)
@@ -48,7 +50,11 @@ _LATELY = 8
 """Newest cycles whose products must all have a reference: recipes may alternate."""
 
 
-def diagnose(history: Iterable[Estimate] | Past, maintenance: Sequence[Maintenance]) -> Diagnosis:
+def diagnose(
+    history: Iterable[Estimate] | Past,
+    maintenance: Sequence[Maintenance],
+    known: Known | None = None,
+) -> Diagnosis:
     """Find the faults in a stored history; a pure function of it.
 
     Parameters
@@ -57,6 +63,8 @@ def diagnose(history: Iterable[Estimate] | Past, maintenance: Sequence[Maintenan
         Estimates of all estimators, in any order; those named `features` count.
     maintenance : sequence of Maintenance
         All maintenance events of the valve.
+    known : Known, optional
+        What was found before: saves time and changes nothing.
 
     Returns
     -------
@@ -64,7 +72,7 @@ def diagnose(history: Iterable[Estimate] | Past, maintenance: Sequence[Maintenan
         `NOTHING` where no features are stored or the model has no signatures.
     """
     past = past_of(history)
-    found = search(past, maintenance).diagnosis
+    found = search(past, maintenance, known).diagnosis
     if found is NOTHING:
         return NOTHING
     doubt = found.doubt or _doubt_of_product(_products_of(_once_a_cycle(past.features)))
@@ -90,7 +98,7 @@ class Searched(NamedTuple):
     direct: tuple[Finding, ...] = ()
 
 
-def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
+def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None = None) -> Searched:
     """Find the faults that features show.
 
     Parameters
@@ -99,7 +107,10 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
         Features; where not all are kept, what the others showed.
     maintenance : sequence of Maintenance
         All maintenance events of the valve.
+    known : Known, optional
+        What was found before: saves time and changes nothing.
     """
+    known = known or Known()
     shown = past.features
     if not len(shown):
         return Searched(NOTHING)
@@ -115,7 +126,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
         if model.signatures() is None and not model.feature_set.by_model:
             table = _table_of(model, shown) or table
     cycles = shown.cycle
-    vectors = _vectors_of(shown, model)
+    vectors = known.vectors(shown, model.feature_set)
     restarts = [m.cycle for m in maintenance]
     settled = past.settled or _NONE
     product = _products_of(shown)
@@ -124,11 +135,19 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
     config = detection_of(model.feature_set)
     since = int(np.searchsorted(cycles, max(restarts, default=0)))
     anew = max(restarts, default=0) > settled.judged
-    lately = [int(p) for p in product[::-1] if p >= 0][:_LATELY]
-    for number in sorted(set(product.tolist()) - {-1}):
-        own = product == number
-        steady = without_slips(vectors[own], table)
-        part = detect(cycles[own], steady, table, config, restarts=restarts, judged=settled.judged)
+    lately = product[product >= 0][-_LATELY:].tolist()
+    for number, own in _rows_of(product):
+        of = known.of(number)
+        steady = of.slips.taken_out(vectors[own], table)
+        part = detect(
+            cycles[own],
+            steady,
+            table,
+            config,
+            restarts=restarts,
+            judged=settled.judged,
+            memory=of,
+        )
         then = [
             _marked(f, _elsewhere(f, cycles, vectors, product, number, model), cycles, restarts)
             for f in part.findings
@@ -168,13 +187,25 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
             for f, d in zip(before, asked, strict=True)
         ]
         direct = [f for f, d in zip(before, asked, strict=True) if d]
-        new = [f for f in _direct(cycles, values, product, restarts) if f.alarm > settled.judged]
+        new = [
+            f
+            for f in _direct(cycles, values, product, restarts, known)
+            if f.alarm > settled.judged
+        ]
         found, direct = found + new, direct + new
     found = [f for f in found if not _is_slip(f, past.apart)]
     doubt = doubt if anew or past.settled is None else settled.doubt
     looked_at = settled.cycles + len(cycles)
     diagnosis = Diagnosis((*before, *found), looked_at, ready, doubt, far, newest)
     return Searched(diagnosis, stopped, tuple(f for f in direct if f in diagnosis.findings))
+
+
+def _rows_of(product: IntArray) -> Iterator[tuple[int, BoolArray | slice]]:
+    """Yield the number of each product that is known, and which of (N,) cycles make it."""
+    numbers = present(product)
+    for number in numbers:
+        alone = len(numbers) == 1 and product.min() >= 0
+        yield number, slice(None) if alone else np.asarray(product == number)
 
 
 def _table_of(model: ValveModel, shown: Rows) -> SignatureTable | None:
@@ -240,16 +271,17 @@ def _text(finding: Finding) -> str:
 def _measure(
     cycles: IntArray, findings: Sequence[Finding], since: int, config: DetectionConfig
 ) -> IntArray:
-    """Return which cycles since a start may be a reference: not those of an early fault now over.
+    """Return the first cycles since a start that may be a reference.
 
-    Where it was there from the first cycle on they stay: which of the two are right is not known.
+    Those of an early fault that is over may not. Where it was there from the first cycle on they
+    stay: which of the two are right is not known.
     """
     kept = cycles >= since
     first = cycles[kept][: config.settled]
     for f in findings:
         if f.end >= 0 and len(first) and int(first[0]) < f.onset <= int(first[-1]):
             kept &= (cycles < f.onset) | (cycles >= f.end)
-    return np.flatnonzero(kept)
+    return np.flatnonzero(kept)[: max(config.learn + config.recent, config.settled)]
 
 
 def _until_maintained(finding: Finding, cycles: IntArray, restarts: Sequence[int]) -> Finding:
@@ -289,17 +321,10 @@ def _is_slip(finding: Finding, apart: Sequence[int]) -> bool:
     return any(finding.onset - _NEAR <= cycle <= over for cycle in apart)
 
 
-def _vectors_of(shown: Rows, model: ValveModel) -> FloatArray:
-    """Return features as they are followed, (N, F); no noise where that was of whole cycles."""
-    kind = model.feature_set
-    vectors = feature_vectors(shown, kind)
-    if kind.of_any_valve and NOISE in kind.names:
-        vectors[~has_noise_of_rest(shown), kind.names.index(NOISE)] = np.nan
-    return vectors
-
-
 def _once_a_cycle(shown: Rows) -> Rows:
     """Return the rows by rising cycle, of each cycle the last that came."""
+    if bool(np.all(shown.cycle[1:] > shown.cycle[:-1])):
+        return shown
     order = np.argsort(shown.cycle, kind="stable")
     last = np.append(np.diff(shown.cycle[order]) > 0, True)
     return shown.take(order[last])
@@ -324,7 +349,11 @@ def _until_over(finding: Finding, cycles: IntArray, values: FloatArray, judged: 
 
 
 def _direct(
-    cycles: IntArray, values: FloatArray, product: IntArray, restarts: Sequence[int]
+    cycles: IntArray,
+    values: FloatArray,
+    product: IntArray,
+    restarts: Sequence[int],
+    known: Known,
 ) -> list[Finding]:
     """Return what shows without a signature; maintenance ends it and begins anew."""
     found: list[Finding] = []
@@ -335,7 +364,7 @@ def _direct(
         new = [
             *bounds.beyond(part, own[:, 4], _WEAK),
             *bounds.beyond(part, own[:, 3], "sensor_offset"),
-            *noise.noisier(part, own[:, 0], product[first:last]),
+            *known.noise(first).found(part, own[:, 0], product[first:last]),
             *freezing.freezing(part, own[:, 1], own[:, 2]),
         ]
         found += [replace(f, end=over) if f.end < 0 else f for f in new]

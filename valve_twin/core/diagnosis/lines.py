@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.diagnosis.config import DetectionConfig
-    from valve_twin.core.types import BoolArray, FloatArray, IntArray
+    from valve_twin.core.types import BoolArray, FloatArray
 
 _CHANCE = 1e-8
 """Chance at which the quantiles of few and of enough cycles are compared [1]."""
@@ -43,7 +43,7 @@ _LEAST_NOISE = 5
 _LEAST_UNFOLLOWED = 5
 """Cycles in a row without a followed command that are no chance."""
 
-_BEFORE = 5
+REACH = 5
 """Cycles before a cycle whose median it is compared with."""
 
 
@@ -74,14 +74,29 @@ def filled(vectors: FloatArray, least: int) -> FloatArray:
 
     Before the first one stands that one; a feature that is never there is 0.
     """
-    filled = np.array(vectors)
-    for j in range(filled.shape[1]):
+    known = np.isfinite(vectors)
+    given = np.count_nonzero(known[:least], axis=0) >= least // 2
+    first = vectors[np.argmax(known, axis=0), np.arange(vectors.shape[1])]
+    return filled_on(first, vectors, given)
+
+
+def filled_on(last: FloatArray, vectors: FloatArray, given: BoolArray) -> FloatArray:
+    """Return features with the last known value where there is none.
+
+    Parameters
+    ----------
+    last : (F,) array
+        Features of the cycle before, all known [unit by feature].
+    vectors : (N, F) array
+        Features as they are followed [unit by feature]; NaN where a cycle does not show one.
+    given : (F,) bool array
+        Which are ever there; others are 0.
+    """
+    filled = np.where(given, vectors, 0.0)
+    for j in np.flatnonzero(~np.isfinite(filled).all(axis=0)):
         known = np.isfinite(filled[:, j])
-        if np.count_nonzero(known[:least]) < least // 2:
-            filled[:, j] = 0.0
-            continue
         index = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
-        filled[:, j] = filled[np.where(index < 0, int(np.argmax(known)), index), j]
+        filled[:, j] = np.where(index < 0, last[j], filled[index, j])
     return filled
 
 
@@ -261,74 +276,19 @@ def _doubt(freedom: int, settled: int) -> float:
     return float(stdtrit(freedom, 1.0 - _CHANCE) / stdtrit(settled, 1.0 - _CHANCE))
 
 
-@dataclass(frozen=True, slots=True)
-class Lines:
-    """Lines through the cycles before: prediction at `x` and its variance over that of a cycle."""
-
-    level: FloatArray
-    slope: FloatArray
-    centre: FloatArray
-    count: FloatArray
-
-    def at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the prediction (N, F) at `x` (N,) and its variance (N,)."""
-        spread = self.count * (self.count**2 - 1.0) / 12.0
-        off = x - self.centre
-        return self.level + self.slope * off[:, None], 1.0 / self.count + off**2 / spread
-
-
-@dataclass(frozen=True, slots=True)
-class Sums:
-    """Sums of the first rows of w (N, F), and of each times its number; (N + 1, F) both."""
-
-    total: FloatArray
-    moment: FloatArray
-
-    @classmethod
-    def of(cls, w: FloatArray) -> Sums:
-        """Return the sums of w (N, F), whitened features [standard deviations]."""
-        total = np.concatenate((np.zeros((1, w.shape[1])), np.cumsum(w, axis=0)))
-        moments = np.cumsum(w * np.arange(len(w))[:, None], axis=0)
-        return cls(total, np.concatenate((total[:1], moments)))
-
-    def lines(self, last: IntArray, window: int) -> Lines:
-        """Fit a line through at most `window` rows that end with each of `last` (K,)."""
-        first = np.maximum(last - window + 1, 0)
-        count = (last - first + 1).astype(np.float64)
-        centre = 0.5 * (first + last).astype(np.float64)
-        level = (self.total[last + 1] - self.total[first]) / count[:, None]
-        above = self.moment[last + 1] - self.moment[first] - (count * centre)[:, None] * level
-        return Lines(level, above / (count * (count**2 - 1.0) / 12.0)[:, None], centre, count)
-
-
-def lines_through(w: FloatArray, last: IntArray, window: int) -> Lines:
-    """Fit a line through at most `window` rows of w (N, F) that end with each of `last`.
-
-    Parameters
-    ----------
-    w : (N, F) array
-        Whitened features [standard deviations].
-    last : (K,) int array
-        Last row of each line.
-    window : int
-        Most rows of a line [1].
-    """
-    return Sums.of(w).lines(last, window)
-
-
 def without_outliers(w: FloatArray, config: DetectionConfig) -> FloatArray:
     """Return the rows with single outliers replaced by the median of the five before.
 
     A row is an outlier where the next one is back; so a row is never judged by more than the next.
     """
     base = np.array(w)
-    if len(w) < _BEFORE + 2:
+    if len(w) < REACH + 2:
         return base
-    middle = _middle_of_five([w[k : len(w) - _BEFORE - 1 + k] for k in range(_BEFORE)])
-    off = np.linalg.norm(w[_BEFORE:-1] - middle, axis=1)
-    back = np.linalg.norm(w[_BEFORE + 1 :] - middle, axis=1)
+    middle = _middle_of_five([w[k : len(w) - REACH - 1 + k] for k in range(REACH)])
+    off = np.linalg.norm(w[REACH:-1] - middle, axis=1)
+    back = np.linalg.norm(w[REACH + 1 :] - middle, axis=1)
     outlier = (off > config.outlier) & (back < config.outlier)
-    base[_BEFORE:-1][outlier] = middle[outlier]
+    base[REACH:-1][outlier] = middle[outlier]
     return base
 
 
@@ -339,33 +299,6 @@ def _middle_of_five(rows: Sequence[FloatArray]) -> FloatArray:
     high = np.minimum(np.maximum(a, b), np.maximum(c, d))
     middle = np.minimum(np.maximum(e, np.minimum(low, high)), np.maximum(low, high))
     return np.asarray(middle, dtype=np.float64)
-
-
-def strayed(ratio: FloatArray, config: DetectionConfig) -> FloatArray:
-    """Return by how much more than by chance the cycles before strayed from their lines.
-
-    Scatter that wanders leads a line astray.
-
-    Parameters
-    ----------
-    ratio : (K, S) array
-        How far the cycles up to each row lie off the line before them, by ray [standard
-        deviations].
-    config : DetectionConfig
-        The newest `recent` cycles, which are judged, do not count; as many that stray by chance
-        stand before the first.
-
-    Returns
-    -------
-    (K, S) array
-        Root mean square of what was known in each row, at least 1.
-    """
-    square = np.cumsum(np.minimum(ratio**2, config.threshold), axis=0)
-    known = np.zeros_like(ratio)
-    known[config.recent :] = square[: -config.recent]
-    count = np.maximum(np.arange(len(ratio)) - config.recent + 1.0, 0.0)[:, None]
-    mean = (config.recent + known) / (config.recent + count)
-    return np.asarray(np.sqrt(np.maximum(mean, 1.0)), dtype=np.float64)
 
 
 def more_repeats(vectors: FloatArray, onset: int, table: SignatureTable) -> FloatArray:

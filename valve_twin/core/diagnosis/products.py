@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from valve_twin.core.diagnosis.changes.finding import Finding
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.features import DELAYS
+from valve_twin.core.diagnosis.watch.growing import Growing, begins
 from valve_twin.core.estimation.data.robust import robust_sigma
 from valve_twin.kernels import njit
 
@@ -55,6 +57,8 @@ _BACK = 0.5
 _FASTEST = 5e-3
 _OF_RATE = 0.5
 """Share of the rate that each delay, and each half of the record, must show [1]."""
+
+_ROUNDED = 1e-9
 
 
 def products(duration_s: FloatArray) -> IntArray:
@@ -117,29 +121,59 @@ def without_slips(vectors: FloatArray, table: SignatureTable) -> FloatArray:
     (N, F) array
         Features whose delays do not jump alone.
     """
-    if not set(DELAYS) <= set(table.features):
-        return vectors
-    out = np.array(vectors)
-    columns = [table.features.index(n) for n in DELAYS]
-    delays = np.ascontiguousarray(out[:, columns])
-    take_out_slips(delays)
-    out[:, columns] = delays
-    return out
+    return Slips().taken_out(vectors, table)
+
+
+class Slips:
+    """Takes slips out of cycles as they come, see `without_slips`."""
+
+    def __init__(self) -> None:
+        self._given, self._out = np.empty((0, 0)), Growing(0)
+        self._table: SignatureTable | None = None
+
+    def taken_out(self, vectors: FloatArray, table: SignatureTable) -> FloatArray:
+        """Return features whose delays do not jump alone; those of before are not gone through.
+
+        Parameters
+        ----------
+        vectors : (N, F) array
+            Features [unit by feature].
+        table : SignatureTable
+            Names of the features.
+        """
+        if not set(DELAYS) <= set(table.features):
+            return vectors
+        if self._table is not table or not begins(self._given, vectors):
+            self._table, self._out, self._delays = table, Growing(vectors.shape[1]), Growing(2)
+            self._shift = np.zeros(2)
+            self._slips = np.full((2, _MOST_SLIPS), -_RECENT - 1)  # the last rows that slipped
+        columns = [table.features.index(n) for n in DELAYS]
+        count = len(self._out)
+        self._delays.put(count, vectors[count:, columns])
+        take_out_slips(self._delays.rows, self._shift, self._slips, count)
+        self._out.put(count, vectors[count:])
+        self._out.rows[count:, columns] = self._delays.rows[count:]
+        self._given = vectors
+        return self._out.rows
 
 
 @njit(cache=True)
-def take_out_slips(delays: FloatArray) -> None:
+def take_out_slips(delays: FloatArray, shift: FloatArray, slips: IntArray, first: int) -> None:
     """Take jumps of one of two delays alone out of (N, 2) delays [s], in place.
 
     Parameters
     ----------
     delays : (N, 2) array
         Delays of N cycles, NaN where one does not show it [s].
+    shift : (2,) array
+        What was taken out of the last row before [s]; is kept up.
+    slips : (2, K) int64 array
+        Last rows in which each slipped; is kept up.
+    first : int
+        First row that is gone through.
     """
-    shift, usual = np.zeros(2), np.empty(2)
-    slips = np.full((2, _MOST_SLIPS), -_RECENT - 1)  # the last rows of each that slipped
-    known = np.empty(_RECENT)
-    for row in range(1, len(delays)):
+    usual, known = np.empty(2), np.empty(_RECENT)
+    for row in range(max(first, 1), len(delays)):
         for i in range(2):
             count = 0
             for k in range(max(row - _RECENT, 0), row):
@@ -223,25 +257,31 @@ class _Rate:
 
 
 def _rate(t: FloatArray, delays: FloatArray) -> _Rate | None:
-    whole: list[_Slope] = []
-    parts: list[float] = []
-    newest = 0.0
+    shown: list[tuple[FloatArray, FloatArray]] = []
     for delay in delays.T:
         known = np.isfinite(delay)
         if np.count_nonzero(known) >= _LEAST_CYCLES and np.ptp(t[known]) > 0.0:
-            half = np.count_nonzero(known) // 2
-            x, y = t[known], delay[known]
-            whole.append(_slope(x, y))
-            off = y - whole[-1].value * x
-            newest = max(newest, abs(float(off[-1] - np.median(off))))
-            parts += [_slope(x[:half], y[:half]).value, _slope(x[half:], y[half:]).value]
+            shown.append((t[known], delay[known]))
+    least = _LEAST_SHIFT_S if len(shown) > 1 else _LEAST_ALONE_S
+    parts: list[float] = []
+    enough = _OF_RATE * least / max(float(np.ptp(t)), 1e-300) * (1.0 - _ROUNDED)
+    for x, y in shown:
+        half = len(x) // 2
+        for part in (slice(half, None), slice(half)):
+            parts.append(_slope(x[part], y[part]).value)
+            if not abs(parts[-1]) > enough:  # as in nearly all: the shift then is less as well
+                return None
+    whole = [_slope(x, y) for x, y in shown]
     if not whole:
         return None
+    newest = 0.0
+    for slope, (x, y) in zip(whole, shown, strict=True):
+        off = y - slope.value * x
+        newest = max(newest, abs(float(off[-1] - np.median(off))))
     rate = sum(s.value for s in whole) / len(whole)
     values = [s.value for s in whole] + parts
     alike = all(_OF_RATE < v / rate < 1.0 / _OF_RATE for v in values) if rate else False
     sure = min(abs(s.value) / s.error for s in whole)
-    least = _LEAST_SHIFT_S if len(whole) > 1 else _LEAST_ALONE_S
     shift = abs(rate) * float(np.ptp(t))
     alike &= newest < _BACK * shift  # a sample slipped: the cycles and the logger beat
     if not (alike and sure > _SURE and least < shift and abs(rate) < _FASTEST):
@@ -252,9 +292,15 @@ def _rate(t: FloatArray, delays: FloatArray) -> _Rate | None:
 _early_rate = kept(_rate)
 
 
+@lru_cache(maxsize=_NEWEST)
+def _pairs(count: int) -> tuple[IntArray, IntArray]:
+    """Return the numbers of both of all pairs of some values."""
+    return np.triu_indices(count, 1)
+
+
 def _slope(t: FloatArray, y: FloatArray) -> _Slope:
     """Return the line through all but the outliers about the median slope."""
-    i, j = np.triu_indices(len(t), 1)
+    i, j = _pairs(len(t))
     middle = float(np.median((y[j] - y[i]) / (t[j] - t[i])))
     off = y - middle * t
     off -= np.median(off)

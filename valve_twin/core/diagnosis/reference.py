@@ -15,8 +15,8 @@ import numpy as np
 
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.config import DetectionConfig
-from valve_twin.core.diagnosis.detection import first_alarm, known_by, whitened
 from valve_twin.core.diagnosis.lines import filled, rays_of_steps
+from valve_twin.core.diagnosis.watch.alarm import Whitened, first_alarm, known_by
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -152,6 +152,6 @@ def _largest_step(shown: FloatArray) -> float:
 def _last_unlike(vectors: FloatArray, table: SignatureTable, config: DetectionConfig) -> int:
     """Return how many of the first cycles lie off the line through those that follow, 0 = none."""
     back = vectors[::-1].copy()
-    view = whitened(back, known_by(len(back), config), len(back), table, config)
-    alarm = first_alarm(*view, config, first=len(back) - config.recent)
+    seen = Whitened(back, known_by(len(back), config), table, config)
+    alarm = first_alarm(seen, config, first=len(back) - config.recent)
     return len(back) - alarm[1] if alarm is not None else 0

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -144,6 +144,16 @@ class SignatureTable:
     floor: tuple[float, ...]
     signatures: tuple[Signature, ...]
     levels: tuple[tuple[str, float], ...] = ()
+    _hash: int = field(init=False, repr=False, compare=False, default=0)
+
+    def __post_init__(self) -> None:
+        """Reckon its hash once: what was found by a table is looked up by it in every verdict."""
+        parts = self.features, self.covariance, self.floor, self.signatures, self.levels
+        object.__setattr__(self, "_hash", hash(parts))
+
+    def __hash__(self) -> int:
+        """Return the hash of its parts."""
+        return self._hash
 
     @property
     def faults(self) -> tuple[str, ...]:

@@ -141,6 +141,10 @@ class Rows:
         """Return the first `end` rows."""
         return self._of(slice(0, end))
 
+    def since(self, first: int) -> Rows:
+        """Return the rows from `first` on."""
+        return self._of(slice(first, None))
+
     def _of(self, part: IntArray | slice) -> Rows:
         return Rows(
             cycle=self.cycle[part],

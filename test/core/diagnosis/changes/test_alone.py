@@ -7,9 +7,10 @@ import pytest
 
 from valve_twin.core.diagnosis.changes.alone import departs
 from valve_twin.core.diagnosis.config import OF_ANY_VALVE, DetectionConfig
-from valve_twin.core.diagnosis.detection import detect, whitened
+from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
 from valve_twin.core.diagnosis.table import FACTORS, Signature, with_floor
+from valve_twin.core.diagnosis.watch.alarm import Whitened
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.registry import get_model
 
@@ -79,7 +80,8 @@ def test_a_wild_cycle_keeps_its_name_and_is_over_when_the_next_are_as_before(gen
 
 def newest_departs(table, vectors, config):
     known = min(config.learn, len(vectors) - config.recent)
-    return departs(*whitened(vectors, known, len(vectors), table, config), config) > 0.0
+    seen = Whitened(vectors, known, table, config)
+    return departs(seen.view[0], seen.past, seen.rays, config) > 0.0
 
 
 @pytest.mark.parametrize("fault", ["leak", "coil_resistance", "sensor_offset"])

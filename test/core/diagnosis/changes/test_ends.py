@@ -8,7 +8,7 @@ import pytest
 from valve_twin.core.diagnosis.changes.ends import first_alike, first_unlike, healed, jumped_back
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.detection import detect
-from valve_twin.core.diagnosis.lines import lines_through
+from valve_twin.core.diagnosis.watch.straight import lines_through
 from valve_twin.core.valves.press_cartridge import MODEL
 
 FEATURES = 13

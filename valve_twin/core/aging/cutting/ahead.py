@@ -13,7 +13,7 @@ from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.wave import find_waves
 from valve_twin.core.diagnosis.direct.noise import noisier
-from valve_twin.core.diagnosis.products import take_out_slips
+from valve_twin.core.diagnosis.watch.memory import warm_up as watch
 from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
 
 if TYPE_CHECKING:
@@ -74,5 +74,5 @@ def warm_up() -> None:
     assess(history, (), AgingConfig(max_candidates=20), parameters=parameters)
     places = np.linspace(0.0, 1.0, len(cycles))
     find_waves(places, np.sin(20.0 * places), places)
-    take_out_slips(np.zeros((len(cycles), 2)))
+    watch()
     noisier(cycles, np.ones(len(cycles)))

@@ -26,6 +26,7 @@ from valve_twin.core.aging.cutting.stretch import (
     step_of,
 )
 from valve_twin.core.aging.trend import Line
+from valve_twin.core.diagnosis.watch.memory import Known
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -80,6 +81,8 @@ class Memory:
     ----------
     due : bool
         Whether a search can be made now that will be wanted soon, see `ahead`.
+    faults : Known
+        What was found in the features of cycles; it is not stored.
     """
 
     def __init__(self) -> None:
@@ -90,6 +93,7 @@ class Memory:
         self._looks_ahead = False
         self._stored: list[_Stored] = []
         self.due = False
+        self.faults = Known()
 
     def freeze(self) -> tuple[list[dict[str, Any]], list[NDArray[Any]]]:
         """Return what straight pieces were found as values of JSON, and their arrays in order."""

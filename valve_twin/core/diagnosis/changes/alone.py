@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.lines import lines_through
-
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.config import DetectionConfig
-    from valve_twin.core.diagnosis.lines import Lines, Rays
+    from valve_twin.core.diagnosis.lines import Rays
+    from valve_twin.core.diagnosis.watch.straight import Lines, Sums
     from valve_twin.core.types import FloatArray, IntArray
 
 _TAIL = 3.0
@@ -25,58 +24,74 @@ _LASTS = 0.5
 """Share of a change that the cycles behind must show for it to last [1]."""
 
 
-def first_alone(
-    w: FloatArray, base: FloatArray, rays: Rays, config: DetectionConfig, *, first: int
-) -> int:
-    """Return the first row that is a fault by itself, -1 = none.
+class Alone:
+    """Finds rows that are a fault by themselves, as they come.
 
     Of n healthy cycles the largest deviation is passed by one more with a chance of about 1 / n;
     a deviation x times as large has one less by x to the power of the tail.
 
     Parameters
     ----------
-    w, base : (N, F) arrays
-        Whitened features, and the same without outliers [standard deviations].
-    rays : Rays
-        Whitened signatures.
     config : DetectionConfig
         When to speak: `alone` is the chance.
-    first : int
-        First row that is judged.
     """
-    rows = np.arange(config.least, len(w))
-    if not config.alone or len(rows) <= _LEAST_PAST:
-        return -1
-    off = _off(w, base, rays, config, rows)
-    past = np.arange(_LEAST_PAST, len(rows))
-    largest = np.maximum.accumulate(off)[past - 1]
-    limit = largest * np.maximum(past * config.alone, 1e-12) ** (-1.0 / _TAIL)
-    beyond = off[past] > np.maximum(limit, np.sqrt(config.threshold))
-    found = rows[past][beyond & (rows[past] >= first)]
-    return int(found[0]) if len(found) else -1
+
+    def __init__(self, config: DetectionConfig) -> None:
+        self._config, self._next, self._largest = config, config.least, -np.inf
+
+    def first(self, w: FloatArray, past: Sums, rays: Rays, *, first: int) -> int:
+        """Return the first row that is one, of those not looked at before, -1 = none.
+
+        Parameters
+        ----------
+        w : (N, F) array
+            Whitened features [standard deviations].
+        past : Sums
+            Of the same without outliers.
+        rays : Rays
+            Whitened signatures.
+        first : int
+            First row that may be one.
+        """
+        config = self._config
+        rows = np.arange(self._next, len(w))
+        if not config.alone or not len(rows):
+            return -1
+        off = _off(w, past, rays, config, rows)
+        largest = np.maximum.accumulate(np.append(self._largest, off))
+        self._next, self._largest = len(w), float(largest[-1])
+        before = rows - config.least
+        limit = largest[:-1] * np.maximum(before * config.alone, 1e-12) ** (-1.0 / _TAIL)
+        beyond = off > np.maximum(limit, np.sqrt(config.threshold))
+        found = rows[beyond & (rows >= first) & (before >= _LEAST_PAST)]
+        return int(found[0]) if len(found) else -1
 
 
-def departs(w: FloatArray, base: FloatArray, rays: Rays, config: DetectionConfig) -> float:
+def departs(w: FloatArray, past: Sums, rays: Rays, config: DetectionConfig) -> float:
     """Return how far the newest cycle lies off those before it, 0 = not so far that it counts.
 
     Parameters
     ----------
-    w, base : (N, F) arrays
-        Whitened features, and the same without outliers [standard deviations].
+    w : (N, F) array
+        Whitened features [standard deviations].
+    past : Sums
+        Of the same without outliers.
     rays : Rays
         Whitened signatures.
     config : DetectionConfig
         When to speak: `departs` is the least.
     """
-    far = float(_off(w, base, rays, config, np.array([len(w) - 1]))[0])
-    return far if config.departs and far > config.departs else 0.0
+    if not config.departs:
+        return 0.0
+    far = float(_off(w, past, rays, config, np.array([len(w) - 1]))[0])
+    return far if far > config.departs else 0.0
 
 
 def _off(
-    w: FloatArray, base: FloatArray, rays: Rays, config: DetectionConfig, rows: IntArray
+    w: FloatArray, past: Sums, rays: Rays, config: DetectionConfig, rows: IntArray
 ) -> FloatArray:
     """Return how far each of some rows lies off the line before it, along any signature."""
-    line, variance = lines_through(base, rows - 1, config.window).at(rows.astype(np.float64))
+    line, variance = past.lines(rows - 1, config.window).at(rows.astype(np.float64))
     along = rays.along((w[rows] - line) / np.sqrt(1.0 + variance)[:, None])
     return np.asarray(along.max(axis=1), dtype=np.float64)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.config import DetectionConfig
-    from valve_twin.core.diagnosis.lines import Lines
+    from valve_twin.core.diagnosis.watch.straight import Lines
     from valve_twin.core.types import BoolArray, FloatArray
 
 _LEAST_BEFORE = 2

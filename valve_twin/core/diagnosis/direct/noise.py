@@ -4,15 +4,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from valve_twin.core.diagnosis.changes.finding import Finding
+from valve_twin.core.diagnosis.watch.growing import begins, present
 from valve_twin.core.estimation.data.robust import robust_sigma
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from valve_twin.core.types import FloatArray, IntArray
 
 _LEAST = 8
@@ -58,31 +61,66 @@ def noisier(cycles: IntArray, noise: FloatArray, product: IntArray | None = None
     list of Finding
         Oldest first; the size is how many times noisier.
     """
-    known = np.isfinite(noise) & (noise > 0.0)
-    numbers, level = cycles[known], np.log(noise[known])
-    confirm = _confirms(product[known] if product is not None else np.zeros(len(level), np.int64))
-    found: list[Finding] = []
-    usual, count, row = np.empty(len(level)), 0, 0
-    while True:
-        row, count = skip_quiet(level, confirm, usual, count, row)
-        if row == len(level):
-            return found
-        newest, before = level[row : row + confirm[row]], usual[max(count - _MOST, 0) : count]
-        rise, sure = _rise(before, newest)
-        if not rise or len(newest) < confirm[row]:
-            if confirm[row] == _CONFIRM:
-                usual[count], count = level[row], count + 1
-            row += 1
-            continue
-        end = _over(level, row, float(np.median(before)) + 0.5 * rise)
-        stop = len(level) if end < 0 else end - _HEAL + 1
-        size = float(np.exp(np.median(level[row:stop]) - np.median(before)))
-        alarm = int(numbers[row + confirm[row] - 1])
-        last = int(numbers[end]) if end >= 0 else -1
-        found.append(
-            Finding("sensor_noise", (), "sensor", size, sure, int(numbers[row]), alarm, last)
-        )
-        row = stop
+    product = product if product is not None else np.zeros(len(cycles), dtype=np.int64)
+    return Noise().found(cycles, noise, product)
+
+
+class Noise:
+    """Finds when a sensor was noisier, as cycles come; see `noisier`."""
+
+    def __init__(self) -> None:
+        self._given: tuple[NDArray[Any], ...] = ()
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._row, self._over, self._usual = 0, list[Finding](), np.empty(0)
+
+    def found(self, cycles: IntArray, noise: FloatArray, product: IntArray) -> list[Finding]:
+        """Find the times; what was settled in the first of these cycles is not sought again.
+
+        Parameters
+        ----------
+        cycles, noise, product : (N,) arrays
+            As for `noisier`.
+
+        Returns
+        -------
+        list of Finding
+            Oldest first.
+        """
+        given = (cycles, noise, product)
+        if not (self._given and all(map(begins, self._given, given))):
+            self._begin_anew()
+        self._given = given
+        known = np.isfinite(noise) & (noise > 0.0)
+        numbers, level, confirm = cycles[known], np.log(noise[known]), _confirms(product[known])
+        found, usual, settled = list(self._over), np.empty(len(level)), True
+        row, count = self._row, len(self._usual)
+        usual[:count] = self._usual
+        while True:
+            row, count = skip_quiet(level, confirm, usual, count, row)
+            newest = level[row : row + confirm[row]] if row < len(level) else level[row:]
+            if settled:
+                self._row, self._over, self._usual = row, list(found), usual[:count]
+            if row == len(level):
+                return found
+            before = usual[max(count - _MOST, 0) : count]
+            rise, sure = _rise(before, newest)
+            if not rise or len(newest) < confirm[row]:
+                settled &= len(newest) == confirm[row]
+                if confirm[row] == _CONFIRM:
+                    usual[count], count = level[row], count + 1
+                row += 1
+                continue
+            end = _over(level, row, float(np.median(before)) + 0.5 * rise)
+            settled &= end >= 0
+            stop = len(level) if end < 0 else end - _HEAL + 1
+            size = float(np.exp(np.median(level[row:stop]) - np.median(before)))
+            alarm = int(numbers[row + confirm[row] - 1])
+            last = int(numbers[end]) if end >= 0 else -1
+            onset = int(numbers[row])
+            found.append(Finding("sensor_noise", (), "sensor", size, sure, onset, alarm, last))
+            row = stop
 
 
 @njit(cache=True)
@@ -140,10 +178,11 @@ def _confirms(product: IntArray) -> IntArray:
     """Return by row how many cycles from it on must all be noisier, (N,)."""
     confirm = np.full(len(product), _CONFIRM)
     confirm[product < 0] = _CONFIRM_ANEW
-    for number, first in zip(*np.unique(product, return_index=True), strict=True):
-        if first and number >= 0:
-            own = np.flatnonzero(product == number)[: _CONFIRM_ANEW - _CONFIRM]
-            confirm[own] = np.maximum(_CONFIRM_ANEW - (own - first), _CONFIRM)
+    for number in present(product):
+        own = np.flatnonzero(product == number)
+        if own[0]:
+            early = own[: _CONFIRM_ANEW - _CONFIRM]
+            confirm[early] = np.maximum(_CONFIRM_ANEW - (early - own[0]), _CONFIRM)
     return confirm
 
 

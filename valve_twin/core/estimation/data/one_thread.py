@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.kernels import njit
+
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
-
-_SMALL = 2**17
-"""Multiplications up to which a BLAS keeps to one thread, half of OpenBLAS's bound [1]."""
 
 
 def dot(u: FloatArray, v: FloatArray) -> float:
@@ -25,10 +24,19 @@ def dot(u: FloatArray, v: FloatArray) -> float:
 
 
 def rows_times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Return (N, F) rows times a small (F, K) matrix, (N, K)."""
-    out = np.empty((len(rows), matrix.shape[1]))
-    size = max(_SMALL // max(matrix.size, 1), 1)
-    for first in range(0, len(rows), size):
-        part = slice(first, first + size)
-        np.matmul(rows[part], matrix, out=out[part])
+    """Return (N, F) rows times a small (F, K) matrix, (N, K).
+
+    The bits of a row do not depend on how many there are: a BLAS takes another way for one.
+    """
+    out = np.zeros((len(rows), matrix.shape[1]))
+    _add_products(np.ascontiguousarray(rows), np.ascontiguousarray(matrix), out)
     return out
+
+
+@njit(cache=True)
+def _add_products(rows: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
+    """Add (N, F) rows times a (F, K) matrix to what stands in (N, K), feature by feature."""
+    for n in range(len(rows)):
+        for i in range(len(matrix)):
+            for k in range(matrix.shape[1]):
+                out[n, k] += rows[n, i] * matrix[i, k]

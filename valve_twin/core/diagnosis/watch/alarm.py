@@ -1,0 +1,415 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Which cycle of a record raises the first alarm, while the record grows.
+
+Each cycle is judged by what was known when it came: by lines through the cycles before it and by
+the scatter of the first ones. A row that was judged is not judged again when more come, and what
+a record says does not depend on how many of its rows came at a time, to the last bit.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+
+from valve_twin.core.diagnosis.changes.alone import Alone, departs
+from valve_twin.core.diagnosis.changes.jumps import BESIDE, BEYOND, jumps_made
+from valve_twin.core.diagnosis.changes.kept import kept
+from valve_twin.core.diagnosis.lines import (
+    REACH,
+    Rays,
+    filled,
+    filled_on,
+    whitened_rays,
+    without_outliers,
+)
+from valve_twin.core.diagnosis.watch.growing import Growing, begins
+from valve_twin.core.diagnosis.watch.straight import Sums, follow
+
+if TYPE_CHECKING:
+    from valve_twin.core.diagnosis.changes.finding import Finding
+    from valve_twin.core.diagnosis.changes.match import Match
+    from valve_twin.core.diagnosis.config import DetectionConfig
+    from valve_twin.core.diagnosis.table import SignatureTable
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
+
+ABRUPT = 0.5
+"""Share of a change by which the cycles behind its onset must lie off those just before it, since
+what wanders away is no sudden change; and off the mean of few cycles: they are no line yet [1]."""
+
+_OF_LARGEST = 0.3
+"""Share of the largest deviation that another cycle must show: one outlier is no fault [1]."""
+
+View: TypeAlias = "tuple[FloatArray, FloatArray, Rays]"
+"""Whitened cycles, the same without outliers, and the whitened signatures."""
+
+Alarm: TypeAlias = "tuple[int, int]"
+"""Row that raised an alarm, and that of its onset."""
+
+
+class Whitened:
+    """Cycles in standard deviations of the first ones; more may be added.
+
+    Parameters
+    ----------
+    vectors : (N, F) array
+        Features as they are followed [unit by feature].
+    known : int
+        How many of the first cycles say how the valve scatters.
+    table : SignatureTable
+        Signatures of the valve's faults.
+    config : DetectionConfig
+        When to speak.
+
+    Attributes
+    ----------
+    rays : Rays
+        Whitened signatures.
+    """
+
+    def __init__(
+        self, vectors: FloatArray, known: int, table: SignatureTable, config: DetectionConfig
+    ) -> None:
+        y = filled(vectors, config.least)
+        self._level = y[:known].mean(axis=0)
+        self._config, self._last = config, y[-1].copy()
+        y -= self._level
+        seen = np.isfinite(vectors)
+        self.rays = whitened_rays(y[:known], seen, table, config, level=self._level)
+        self._given = np.count_nonzero(seen[: config.least], axis=0) >= config.least // 2
+        width = vectors.shape[1]
+        self._w, self._base = Growing(width), Growing(width)
+        self._past = Sums.none(width)
+        self._total = Growing(width, np.zeros((1, width)))
+        self._put(y)
+
+    def __len__(self) -> int:
+        """Return the number of cycles."""
+        return len(self._w)
+
+    def grow(self, vectors: FloatArray) -> None:
+        """Take the rows of (N, F) features that come behind those known."""
+        new = vectors[len(self) :]
+        if len(new):
+            y = filled_on(self._last, new, self._given)
+            self._last = y[-1].copy()
+            self._put(y - self._level)
+
+    def _put(self, y: FloatArray) -> None:
+        """Add cycles; whether the last one is an outlier is told by the next."""
+        count, w = len(self), self.rays.whitened(y)
+        self._w.put(count, w)
+        self._total.add_up(count, w)
+        open_from = max(count - 1, 0)
+        since = max(open_from - REACH, 0)
+        base = without_outliers(self._w.rows[since:], self._config)[open_from - since :]
+        self._base.put(open_from, base)
+        self._past.put(open_from, base)
+
+    @property
+    def view(self) -> View:
+        """The cycles, the same without outliers, and the signatures; good until more come."""
+        return self._w.rows, self._base.rows, self.rays
+
+    @property
+    def past(self) -> Sums:
+        """Sums of the cycles without outliers."""
+        return self._past
+
+    @property
+    def total(self) -> FloatArray:
+        """Sums of the first cycles, (N + 1, F)."""
+        return self._total.rows
+
+
+def whitened(
+    vectors: FloatArray, known: int, end: int, table: SignatureTable, config: DetectionConfig
+) -> View:
+    """Return the first `end` cycles whitened by the scatter of the first `known`.
+
+    Parameters
+    ----------
+    vectors : (N, F) array
+        Features as they are followed [unit by feature].
+    known, end : int
+        Numbers of cycles.
+    table : SignatureTable
+        Signatures of the valve's faults.
+    config : DetectionConfig
+        When to speak.
+    """
+    return Whitened(vectors[:end], known, table, config).view
+
+
+def known_by(count: int, config: DetectionConfig) -> int:
+    """Return how many of the first cycles say how a valve scatters.
+
+    Parameters
+    ----------
+    count : int
+        Cycles that are there [1].
+    config : DetectionConfig
+        When to speak.
+    """
+    return min(config.learn, max(count - config.recent, config.least))
+
+
+class Watch:
+    """Judges rows as they come.
+
+    Parameters
+    ----------
+    rays : Rays
+        Whitened signatures.
+    config : DetectionConfig
+        When to speak.
+    """
+
+    def __init__(self, rays: Rays, config: DetectionConfig) -> None:
+        self._config, self._along = config, np.ascontiguousarray(rays.rays.T)
+        self._lengths = range(config.confirm, config.recent + 1)
+        shape = (len(self._lengths), config.recent, len(rays.rays))
+        self._squares = np.zeros(shape)  # sums up to each of the newest rows, by row modulo
+        self._alone = Alone(config)
+        self._next = 0
+
+    def alarm(self, seen: Whitened, first: int) -> Alarm | None:
+        """Return the first row that raises an alarm, of those not judged before and from `first`.
+
+        Parameters
+        ----------
+        seen : Whitened
+            All rows up to now.
+        first : int
+            First row that may raise one.
+        """
+        w, base, rays = seen.view
+        config, last = self._config, len(w)
+        best: tuple[int, float, int] | None = None
+        made: FloatArray | None = None
+        least = float(np.sqrt(config.threshold))
+        wide = np.empty((2, max(last - self._next, 0), len(rays.rays)))
+        for m, squares in zip(self._lengths, self._squares, strict=True):
+            begin = max(config.least + m - 1, self._next)
+            ratio, stray = wide[:, : max(last - begin, 0)]
+            number = begin - (config.least + m - 1)
+            rule = (m, config.window, config.threshold)
+            sums = (seen.total, seen.past.total, seen.past.moment)
+            if not follow(*sums, self._along, begin, number, rule, squares, ratio, stray):
+                continue  # as in nearly all histories of a sound valve
+            end = np.arange(begin, last)
+            shown = ratio > least * stray
+            far = np.flatnonzero(shown.any(axis=1) & (end >= first))
+            if not len(far):
+                continue
+            if made is None:
+                made = jumps_made(rays.along(base), config.window)
+            shown = shown[far] & _lasts(seen, config, end[far], m, made)
+            hits = np.flatnonzero(shown.any(axis=1))
+            if not len(hits):
+                continue
+            score = float(np.where(shown, ratio[far], 0.0)[hits[0]].max())
+            row = int(end[far[hits[0]]])
+            if best is None or (row, -score) < (best[0], -best[1]):
+                best = (row, score, m)
+        alone = self._alone.first(w, seen.past, rays, first=first)
+        self._next = last
+        if alone >= 0 and (best is None or alone < best[0]):
+            return alone, alone
+        return None if best is None else (best[0], best[0] - best[2] + 1)
+
+
+def first_alarm(seen: Whitened, config: DetectionConfig, *, first: int) -> Alarm | None:
+    """Return the row from `first` on that raises an alarm and that of its onset, None = none.
+
+    Parameters
+    ----------
+    seen : Whitened
+        All rows.
+    config : DetectionConfig
+        When to speak.
+    first : int
+        First row that is judged.
+    """
+    return Watch(seen.rays, config).alarm(seen, first)
+
+
+def _lasts(
+    seen: Whitened, config: DetectionConfig, end: IntArray, m: int, made: FloatArray
+) -> BoolArray:
+    """Return along which signatures a change is sudden and shown by more than one cycle, (K, S).
+
+    Parameters
+    ----------
+    seen : Whitened
+        All rows.
+    config : DetectionConfig
+        When to speak.
+    end : (K,) int array
+        Last rows of the changes.
+    m : int
+        Cycles that show each [1].
+    made : (N, S) array
+        Largest jumps made before each row, see `jumps_made` [standard deviations].
+    """
+    w, base, rays = seen.view
+    begun = end - m + 1
+    lines = seen.past.lines(end - m, config.window)
+    line = lines.at(end.astype(np.float64) - 0.5 * (m - 1))[0]
+    mean = (seen.total[end + 1] - seen.total[begun]) / m - line
+    off = ABRUPT * rays.along(mean)
+    jump = rays.along(_jumps(w, base, begun, m))
+    shown = (jump > off) & (jump > BEYOND * made[begun])
+    young = lines.count < config.settled
+    shown &= ~young[:, None] | (rays.along(mean + line - lines.level) > off)
+    cycles = np.empty((m, *shown.shape))
+    for back in range(m):
+        before, variance = lines.at((end - back).astype(np.float64))
+        each = (w[end - back] - before) / np.sqrt(1.0 + variance)[:, None]
+        cycles[back] = rays.along(each)
+    least = np.maximum(config.each, _OF_LARGEST * cycles.max(axis=0))
+    shown &= np.count_nonzero(cycles > least, axis=0) >= config.confirm
+    return np.asarray(shown, dtype=np.bool_)
+
+
+def _jumps(w: FloatArray, base: FloatArray, first: IntArray, cycles: int) -> FloatArray:
+    """Return by how much the first of some cycles lie off those just before them, (K, F)."""
+    after = min(cycles, BESIDE)
+    begun = np.stack([w[first + k] for k in range(after)]).mean(axis=0)
+    before = np.stack([base[np.maximum(first - 1 - k, 0)] for k in range(BESIDE)]).mean(axis=0)
+    return np.asarray(begun - before, dtype=np.float64)
+
+
+class Named(NamedTuple):
+    """Row of the onset of a change, how it fits faults, and how it does the other way round."""
+
+    onset: int
+    found: Match
+    ended: Match
+
+
+class Step(NamedTuple):
+    """A fault that was found, its first row, and the first behind it; None = it lasts.
+
+    Behind it the next one is sought from row `start` on, of those that are left.
+    """
+
+    finding: Finding
+    first: int
+    last: int | None
+    start: int
+
+
+class Seen:
+    """A record without what was found in it before, and the first alarm in it; it may grow.
+
+    Parameters
+    ----------
+    vectors : (N, F) array
+        Features as they are followed [unit by feature].
+    table : SignatureTable
+        Signatures of the valve's faults.
+    config : DetectionConfig
+        When to speak.
+    start : int
+        First row that may raise an alarm.
+
+    Attributes
+    ----------
+    alarm : (int, int) or None
+        Row of the first alarm and of its onset; None = there is none. Each cycle is judged by
+        the scatter of cycles known by then: what comes later is never taken for the valve's own,
+        so that an alarm once raised is raised in every longer history.
+    start : int
+        First row that may raise one.
+    named : Named or None
+        What raised it, once no later row changes that.
+    step : Step or None
+        The fault and its rows, once no later row changes that.
+    lasts : bool
+        Whether too many rows came to see it over by what it changed.
+    """
+
+    def __init__(
+        self, vectors: FloatArray, table: SignatureTable, config: DetectionConfig, start: int
+    ) -> None:
+        self._table, self._config, self.start = table, config, start
+        self.named: Named | None = None
+        self.step: Step | None = None
+        self.lasts = False
+        self._vectors = vectors[:0]
+        self._whole: Whitened | None = None
+        self._watch: Watch | None = None
+        self._young: Whitened | None = None
+        self.alarm: Alarm | None = None
+        self.grow(vectors)
+
+    def begins(
+        self, vectors: FloatArray, table: SignatureTable, config: DetectionConfig, start: int
+    ) -> bool:
+        """Return whether it is made of the first rows of others, by the same rules.
+
+        Parameters
+        ----------
+        vectors : (N, F) array
+            Features as they are followed [unit by feature].
+        table : SignatureTable
+            Signatures of the valve's faults.
+        config : DetectionConfig
+            When to speak.
+        start : int
+            First row that may raise an alarm.
+        """
+        same = self._table is table and self.start == start and self._config == config
+        return same and begins(self._vectors, vectors)
+
+    def grow(self, vectors: FloatArray) -> None:
+        """Take a record whose first rows are those known."""
+        before, self._vectors = len(self._vectors), vectors
+        config, count = self._config, len(vectors)
+        settled = config.learn + config.recent
+        if self._whole is None:
+            self._look_early(before)
+        if self._whole is not None:
+            self._whole.grow(vectors)
+        elif count >= settled:
+            self._whole = Whitened(vectors, known_by(count, config), self._table, config)
+            self._watch, self._young = Watch(self._whole.rays, config), None
+        else:
+            self._young = Whitened(vectors, known_by(count, config), self._table, config)
+        if self._watch is not None and self._whole is not None and self.alarm is None:
+            self.alarm = self._watch.alarm(self._whole, max(settled - 1, self.start))
+
+    def _look_early(self, before: int) -> None:
+        """Look whether one of the first rows raises an alarm, by the few that came before it."""
+        config, vectors = self._config, self._vectors
+        least = max(config.least + config.confirm, self.start + 1, before + 1)
+        for end in range(least, min(len(vectors), config.learn + config.recent - 1) + 1):
+            self.alarm = _early_alarm(vectors[:end], self._table, config)
+            if self.alarm is not None:
+                self._whole = Whitened(vectors, known_by(end, config), self._table, config)
+                self._young = None
+                return
+
+    @property
+    def whitened(self) -> Whitened:
+        """All rows, by the scatter that the first alarm was judged by."""
+        found = self._whole or self._young
+        assert found is not None
+        return found
+
+    def departs(self) -> float:
+        """Return how far the newest row lies off those before it, 0 = not far enough."""
+        seen = self.whitened
+        return departs(seen.view[0], seen.past, seen.rays, self._config)
+
+
+@kept
+def _early_alarm(
+    vectors: FloatArray, table: SignatureTable, config: DetectionConfig
+) -> Alarm | None:
+    """Return the alarm that the last of few cycles raises, see `first_alarm`."""
+    count = len(vectors)
+    seen = Whitened(vectors, known_by(count, config), table, config)
+    return first_alarm(seen, config, first=count - 1)
