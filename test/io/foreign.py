@@ -16,7 +16,7 @@ import time
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mcap.records import Schema
@@ -269,14 +269,44 @@ def messages(_: Path) -> Subject:
     ]
     sizes = [len(p) for p in parts]
 
-    def read(path: Path) -> object:
-        data, at, found = path.read_bytes(), 0, []
-        for size, kind in zip(sizes, types, strict=True):
-            found.append(str(kind.decode(data[at : at + size], 7)))
-            at += size
-        return found
+    def split(data: bytes) -> list[bytes]:
+        return [data[: sizes[0]], data[sizes[0] : sum(sizes)]]
 
-    return Subject("a.cdr", b"".join(parts), read, lambda *_: True)
+    def read(path: Path) -> object:
+        pieces = split(path.read_bytes())
+        return [_shown(kind.decode(d, 7)) for d, kind in zip(pieces, types, strict=True)]
+
+    def may_be(found: object, _sound: object, data: bytes) -> bool:
+        return found == [_numbers(d, many) for d, many in zip(split(data), (0, 1), strict=True)]
+
+    return Subject("a.cdr", b"".join(parts), read, may_be)
+
+
+def _shown(message: Any) -> tuple[object, ...]:
+    """Return all that a message shows, numbers as their bits."""
+    header = message.header
+    numbers = [message.period, *message.values] if hasattr(message, "period") else [message.value]
+    bits = struct.pack(f"<{len(numbers)}d", *numbers)
+    return header.stamp.sec, header.stamp.nanosec, header.frame_id, bits
+
+
+def _numbers(data: bytes, many: int) -> tuple[object, ...] | None:
+    """Read a message place by place, by the rules of CDR alone; None where it does not fit."""
+    order = "<" if data[1:2] == b"\x01" else ">"
+    try:
+        sec, nanosec, size = struct.unpack_from(f"{order}iII", data, 4)
+        text = data[16 : 16 + size]
+        at = 16 + size
+        at += -(at - 4) % 8
+        numbers = list(struct.unpack_from(f"{order}d", data, at))
+        if many:
+            (count,) = struct.unpack_from(f"{order}I", data, at + 8)
+            numbers += struct.unpack_from(f"{order}{count}d", data, at + 16) if count else ()
+        frame = text[:-1].decode() if len(text) == size else None
+    except (struct.error, UnicodeDecodeError):
+        return None
+    bits = struct.pack(f"<{len(numbers)}d", *numbers)
+    return None if frame is None else (sec, nanosec, frame, bits)
 
 
 def history(folder: Path) -> Subject:
