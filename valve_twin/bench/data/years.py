@@ -163,15 +163,16 @@ def _verdicts(cycles: int, repeats: int) -> Iterator[Ratio]:
 def _with_features() -> Iterator[Ratio]:
     """Compare verdicts that rest on features, too, with early ones and with judging all anew."""
     taken = []
-    for cycles, anew in ((_YOUNG, False), (_FEATURED, False), (_FEATURED, True)):
+    for cycles, again in ((_YOUNG, False), (_FEATURED, False), (_FEATURED, True)):
         state = AgingState()
         for estimates in zip(life(cycles), features(cycles), strict=True):
             for estimate in estimates:
                 state.add(estimate)
-        taken.append(_goes_on(state, Memory(), cycles, features, anew=anew)[0])
+        taken.append(_goes_on(state, Memory(), cycles, features, anew=again)[0])
     what = f"verdict with features after cycle {_FEATURED}"
     yield Ratio(what, f"one after cycle {_YOUNG}", taken[1], taken[0], 0.3)
-    yield Ratio(what, "one that judges all of them anew", taken[1], taken[2], 2.0)
+    anew = "one that judges all features anew"
+    yield Ratio(f"{what}, each judged once", anew, taken[1], taken[2], 2.0)
 
 
 def _assess(past: Past, memory: Memory | None = None) -> None:
