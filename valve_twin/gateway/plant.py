@@ -23,6 +23,7 @@ from valve_twin.io.history.fleet import (
     ranked,
 )
 from valve_twin.io.history.store import DamagedValueError, History
+from valve_twin.io.history.valves.names import damaged_keys
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -55,6 +56,9 @@ more, is told [s]."""
 
 WAITING = "is being assessed for the first time since the start"
 """Evidence of a valve whose turn has not come yet."""
+
+DAMAGED = "its name is damaged in the history: put the last backup in its place"
+"""Evidence of a valve that is known by its row alone."""
 
 COURSE = 60
 """Estimates of the small course beside a valve's name [1]."""
@@ -339,6 +343,9 @@ class Plant:
         try:
             history = self._opened()
             marks = history.marks()
+            nameless = [
+                FleetRow(f"/name_damaged_{key}", evidence=DAMAGED) for key in damaged_keys(history)
+            ]
             known.update((n, self._states[n]) for n in marks if n in self._states)
             if not self._view.whole:
                 self._begun = _FirstReading(history.where, marks, known, self._nameplates)
@@ -355,7 +362,7 @@ class Plant:
             self._begun = _FirstReading("", {}, {}, {})
             return
         states = [state for _, state in self._states.values()]
-        found = _shown(states, [], history.where, self._nameplates)
+        found = _shown(states, nameless, history.where, self._nameplates)
         self._view = replace(found, courses=dict(self._courses), whole=True)
         self._begun = _FirstReading("", {}, {}, {})
 
@@ -376,8 +383,7 @@ class Plant:
             return kept
         shown = shown_name(valve)
         if shown != valve:
-            why = "its name is damaged in the history: put the last backup in its place"
-            return mark, ValveState(FleetRow(shown, evidence=why, cycle=mark.cycle))
+            return mark, ValveState(FleetRow(shown, evidence=DAMAGED, cycle=mark.cycle))
         self._courses.pop(valve, None)
         try:
             state = describe_valve(history, valve, self._rules(valve))

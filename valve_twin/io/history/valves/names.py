@@ -22,11 +22,14 @@ from valve_twin.io.history.tables import CHECK_SUM, VALVE
 if TYPE_CHECKING:
     from sqlalchemy.engine import Connection
 
+    from valve_twin.io.history.store import History
+
 _LOGGER = logging.getLogger("valve_twin")
 _SUM = VALVE.c[CHECK_SUM]
 _UNSEALED = 0
 """Of a name that a twin of a version before its check sum stored after the upgrade: believed."""
 
+_ROWS = sa.select(VALVE.c.id, VALVE.c.name, _SUM)
 _DIGEST_BITS = 62
 _MOST_TOLD = 10_000
 _told: set[str] = set()
@@ -121,6 +124,15 @@ def sound_names(connection: Connection, where: str) -> dict[int, str]:
     return names
 
 
+def damaged_keys(history: History) -> list[int]:
+    """Return the keys of the valves whose names are damaged; all else says nothing of them."""
+    return [row["id"] for row in history.select(_ROWS) if not _is_sound(*row.values())]
+
+
+def _is_sound(key: int, name: str, sum_: int) -> bool:
+    return sum_ in {_UNSEALED, key + _digest(name)}
+
+
 def tell_once(line: str) -> None:
     """Log what is damaged once: a twin reads its history again and again."""
     if line not in _told:
@@ -141,8 +153,8 @@ def read_names(connection: Connection, where: str) -> tuple[dict[int, str], dict
         The database, for messages.
     """
     names, damaged = {}, {}
-    for key, name, sum_ in connection.execute(sa.select(VALVE.c.id, VALVE.c.name, _SUM)):
-        if sum_ in {_UNSEALED, key + _digest(name)}:
+    for key, name, sum_ in connection.execute(_ROWS):
+        if _is_sound(key, name, sum_):
             names[key] = name
         else:
             damaged[key] = (
