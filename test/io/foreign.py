@@ -9,7 +9,6 @@ whether what was read of mutated bytes may be said silently.
 from __future__ import annotations
 
 import logging
-import resource
 import sqlite3
 import struct
 import time
@@ -23,6 +22,7 @@ from mcap.records import Schema
 
 from test.bag_samples import write_sample
 from test.io.instruments import foreign_files
+from test.peak import forget_peak, peak_mb
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.io.bags.definitions import definition
 from valve_twin.io.bags.read import BagWriter, read_columns
@@ -144,7 +144,8 @@ def campaign(subject: Subject, folder: Path, seed: int, count: int) -> Tally:
     ear = _Told()
     logger = logging.getLogger("valve_twin")
     logger.addHandler(ear)
-    before_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    forget_peak()
+    before_mb = peak_mb()
     try:
         for n, (kind, data) in enumerate(mutations(subject.data, rng, count)):
             path.write_bytes(data)
@@ -170,7 +171,7 @@ def campaign(subject: Subject, folder: Path, seed: int, count: int) -> Tally:
                 tally.slow.append(case)
     finally:
         logger.removeHandler(ear)
-    tally.grown_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before_mb
+    tally.grown_mb = peak_mb() - before_mb
     return tally
 
 

@@ -151,10 +151,11 @@ def crc_of_zeros(size):
 
 
 WATCHED = """
-import json, resource, sys
+import json, sys
+from test.peak import peak_mb
 from valve_twin.cli.main import main
 code = main(sys.argv[1:])
-print(json.dumps({"code": code, "mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
+print(json.dumps({"code": code, "mb": peak_mb()}))
 """
 
 
