@@ -344,7 +344,8 @@ class Plant:
             history = self._opened()
             marks = history.marks()
             nameless = [
-                FleetRow(f"/name_damaged_{key}", evidence=DAMAGED) for key in damaged_keys(history)
+                FleetRow(f"/name_damaged_{key}", evidence=DAMAGED)
+                for key in damaged_keys(history.select)
             ]
             known.update((n, self._states[n]) for n in marks if n in self._states)
             if not self._view.whole:

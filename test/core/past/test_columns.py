@@ -8,7 +8,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR, FeatureSet
 from valve_twin.core.diagnosis.generic.motion import Motion
-from valve_twin.core.past.columns import Table, feature_vectors, past_of
+from valve_twin.core.past.columns import Table, past_of
 from valve_twin.core.past.state import AgingState
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import (
@@ -107,7 +107,7 @@ def test_features_of_many_cycles_are_those_of_each():
     past = past_of(history)
     assert not len(past.trend)
     each = np.array([kind.vector(e.parameters) for e in history])
-    assert np.array_equal(feature_vectors(past.features, kind), each, equal_nan=True)
+    assert np.array_equal(kind.vectors(past.features.usable), each, equal_nan=True)
 
 
 def test_a_motion_takes_no_columns_and_lasts_as_long_as_its_row():

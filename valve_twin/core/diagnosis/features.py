@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from valve_twin.core.types import FloatArray, ParameterValue
 
@@ -83,6 +83,20 @@ class FeatureSet:
         """
         known = {p.name: p.value for p in values if p.usable}
         vector = np.array([known.get(name, np.nan) for name in self.names], dtype=np.float64)
+        return self._followed(vector)
+
+    def vectors(self, usable: Callable[[str], FloatArray]) -> FloatArray:
+        """Return the features of many cycles as they are followed, (N, F), see `vector`.
+
+        Parameters
+        ----------
+        usable : callable
+            Returns a feature of all of them by its name, (N,); NaN where one does not show it.
+        """
+        return self._followed(np.column_stack([usable(name) for name in self.names]))
+
+    def _followed(self, found: FloatArray) -> FloatArray:
+        """Return features, (F,) or (N, F), relative ones as their logarithm."""
         relative = np.array([name in self.relative for name in self.names], dtype=bool)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.where(relative, np.log(vector), vector)
+            return np.where(relative, np.log(found), found)

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from valve_twin.core.diagnosis.changes.finding import Finding
-    from valve_twin.core.diagnosis.features import FeatureSet
     from valve_twin.core.types import (
         BoolArray,
         Estimate,
@@ -399,14 +398,6 @@ def past_of(history: Iterable[Estimate] | Past) -> Past:
         if estimate.reason_code == RefusalCode.IMPLAUSIBLE:
             apart.append(estimate.cycle)
     return Past(trend.rows(), features.rows(), tuple(sorted(set(apart))))
-
-
-def feature_vectors(rows: Rows, kind: FeatureSet) -> FloatArray:
-    """Return the features of many cycles as they are followed, (N, F), see `FeatureSet.vector`."""
-    found = np.column_stack([rows.usable(name) for name in kind.names])
-    relative = np.array([name in kind.relative for name in kind.names], dtype=bool)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(relative, np.log(found), found)
 
 
 def _spread(p: ParameterValue) -> float:

@@ -12,7 +12,7 @@ from valve_twin.core.diagnosis.generic.features import MOVE_NOISE
 from valve_twin.core.diagnosis.generic.reference import _PREFIX
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
 from valve_twin.core.diagnosis.history import diagnose
-from valve_twin.core.diagnosis.watch import alarm
+from valve_twin.core.diagnosis.watch import alarm, straight
 from valve_twin.core.diagnosis.watch.memory import Known
 from valve_twin.core.past.state import AgingState
 from valve_twin.core.types import Estimate, EstimateStatus, Maintenance, ParameterValue
@@ -25,6 +25,7 @@ PRESS, ANY = get_model("press_cartridge"), get_model("servo_system")
 def drawn(model, seed, cycles=CYCLES):
     """Return (N, F) features with what a search has to tell apart, by a seed."""
     table, random = signatures_of(model), np.random.default_rng(seed)
+    assert table is not None
     covariance = np.array(table.covariance)
     deviation = np.sqrt(np.diag(covariance))
     rows = random.multivariate_normal(np.zeros(len(deviation)), covariance, cycles)
@@ -122,7 +123,7 @@ def test_the_drawn_histories_hold_faults_that_last_and_that_are_over():
 @pytest.fixture
 def judged(monkeypatch):
     """Return a list that gets the number of rows of every judgement."""
-    rows, follow = [], alarm.follow
+    rows, follow = [], straight.follow
 
     def counted(*arguments):
         rows.append(len(arguments[-1]))

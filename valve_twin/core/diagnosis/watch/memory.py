@@ -22,7 +22,6 @@ from valve_twin.core.diagnosis.watch.alarm import Seen
 from valve_twin.core.diagnosis.watch.growing import Growing, begins
 from valve_twin.core.diagnosis.watch.straight import follow
 from valve_twin.core.estimation.data.one_thread import rows_times
-from valve_twin.core.past.columns import feature_vectors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -161,7 +160,7 @@ class Known:
         count = len(self._vectors)
         if count < len(rows):
             new = rows.since(count)
-            vectors = feature_vectors(new, kind)
+            vectors = kind.vectors(new.usable)
             if kind.of_any_valve and NOISE in kind.names:
                 vectors[~has_noise_of_rest(new), kind.names.index(NOISE)] = np.nan
             self._vectors.put(count, vectors)
@@ -178,7 +177,7 @@ def _begins(known: Columns | None, now: Columns | None) -> bool:
 
 def warm_up() -> None:
     """Compile every kernel of the search for faults."""
-    one, sums = np.zeros((1, 1)), np.zeros((2, 1))
+    one, sums = np.zeros((1, 1)), np.zeros((4, 1))  # a line takes two rows before the newest
     rows_times(one, one)
-    follow(sums, sums, sums, one, 0, 0, (1, 2, 1.0), one.copy(), one.copy(), one.copy())
+    follow(sums, sums, sums, one, 2, 0, (1, 2, 1.0), one.copy(), one.copy(), one.copy())
     take_out_slips(np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2), dtype=np.int64), 0)

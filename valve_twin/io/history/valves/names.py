@@ -20,9 +20,9 @@ from valve_twin.io.errors import StoreError
 from valve_twin.io.history.tables import CHECK_SUM, VALVE
 
 if TYPE_CHECKING:
-    from sqlalchemy.engine import Connection
+    from collections.abc import Callable, Iterable, Mapping
 
-    from valve_twin.io.history.store import History
+    from sqlalchemy.engine import Connection
 
 _LOGGER = logging.getLogger("valve_twin")
 _SUM = VALVE.c[CHECK_SUM]
@@ -124,9 +124,17 @@ def sound_names(connection: Connection, where: str) -> dict[int, str]:
     return names
 
 
-def damaged_keys(history: History) -> list[int]:
-    """Return the keys of the valves whose names are damaged; all else says nothing of them."""
-    return [row["id"] for row in history.select(_ROWS) if not _is_sound(*row.values())]
+def damaged_keys(
+    select: Callable[[sa.Select[Any]], Iterable[Mapping[str, Any]]],
+) -> list[int]:
+    """Return the keys of the valves whose names are damaged; all else says nothing of them.
+
+    Parameters
+    ----------
+    select : callable
+        Returns the rows of a query, as `History.select`.
+    """
+    return [row["id"] for row in select(_ROWS) if not _is_sound(*row.values())]
 
 
 def _is_sound(key: int, name: str, sum_: int) -> bool:
