@@ -157,3 +157,22 @@ def test_a_program_that_took_numba_first_is_served_too():
     )
     assert said.stdout.strip() == "_Stamped"
     assert numba.njit is kernels.njit
+
+
+def test_an_index_that_names_a_module_that_is_gone_is_compiled_anew(package):
+    """After an upgrade that moved a type every program ended with ModuleNotFoundError."""
+    (package / "kinds.py").write_text(
+        "from typing import NamedTuple\n\nclass Pair(NamedTuple):\n    a: float\n    b: float\n"
+    )
+    text = (
+        "from valve_twin.kernels import njit\nfrom {name}.{kinds} import Pair\n\n"
+        "@njit(cache=True)\ndef added(pair):\n    return pair.a + pair.b\n\n"
+        "def moved(x):\n    return added(Pair(x, 1.0))\n"
+    )
+    outer = package / "outer.py"
+    outer.write_text(text.format(name=package.name, kinds="kinds"))
+    assert moved_in_a_new_program(package) == (2.0, True)
+    (package / "kinds.py").rename(package / "sorts.py")
+    outer.write_text(text.format(name=package.name, kinds="sorts"))
+    assert moved_in_a_new_program(package, 2.0) == (3.0, True)
+    assert moved_in_a_new_program(package, 2.0) == (3.0, False)

@@ -17,13 +17,14 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import os
+import pickle
 import re
 import sys
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from numba import njit
-from numba.core.caching import CacheImpl
+from numba.core.caching import CacheImpl, IndexDataCacheFile
 from numba.core.caching import _SourceFileBackedLocatorMixin as _SourceFile
 
 if TYPE_CHECKING:
@@ -103,8 +104,24 @@ class _Stamped:
         return super().from_function(function, path)  # type: ignore[misc]
 
 
+def _read_index(
+    cached: IndexDataCacheFile,
+    read: Callable[[Any], dict[Any, str]] = IndexDataCacheFile._load_index,
+) -> dict[Any, str]:
+    """Return the index of a kernel's cache; one that cannot be read is empty: compiled anew.
+
+    Numba looks at the stamp behind the types of the arguments, and these may be of a module that
+    is not there any more.
+    """
+    try:
+        return read(cached)
+    except (ImportError, AttributeError, EOFError, pickle.UnpicklingError):
+        return {}
+
+
 def _register() -> None:
-    """Put a stamped locator of each kind before numba's own."""
+    """Put a stamped locator of each kind before numba's own; let no index end a program."""
+    IndexDataCacheFile._load_index = _read_index  # type: ignore[method-assign]
     kinds: Any = CacheImpl._locator_classes
     ours: list[Any] = [
         type(k.__name__, (_Stamped, k), {}) for k in kinds if issubclass(k, _SourceFile)

@@ -16,11 +16,11 @@ from valve_twin.core.simulation import (
     AgingRule,
     SimulatedValve,
     configure,
-    cycle_truth,
     simulate_cycles,
     to_frames,
 )
 from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant, default_simulation
+from valve_twin.core.valves.press_cartridge.truth import cycle_truth
 from valve_twin.core.valves.registry import get_simulation
 
 DEFAULT = default_simulation()

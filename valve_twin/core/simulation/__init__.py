@@ -14,11 +14,6 @@ from valve_twin.core.simulation.plant import Plant as Plant
 from valve_twin.core.simulation.plant import Response as Response
 from valve_twin.core.simulation.program import CycleProgram as CycleProgram
 from valve_twin.core.simulation.settings import configure as configure
-from valve_twin.core.simulation.truth import GainTruth as GainTruth
-from valve_twin.core.simulation.truth import cycle_truth as cycle_truth
-from valve_twin.core.simulation.truth import (
-    displacement_weighted_command as displacement_weighted_command,
-)
 from valve_twin.core.simulation.valve import SimulatedValve as SimulatedValve
 from valve_twin.core.simulation.valve import simulate_cycles as simulate_cycles
 
@@ -26,7 +21,6 @@ __all__ = [
     "AgingRule",
     "CycleProgram",
     "Drive",
-    "GainTruth",
     "MeasurementConfig",
     "Plant",
     "Response",
@@ -36,8 +30,6 @@ __all__ = [
     "SimulationConfig",
     "StartFault",
     "configure",
-    "cycle_truth",
-    "displacement_weighted_command",
     "simulate_cycles",
     "to_frames",
 ]

@@ -17,12 +17,12 @@ from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import (
     AgingRule,
     configure,
-    cycle_truth,
     simulate_cycles,
     to_frames,
 )
 from valve_twin.core.types import Cycle
 from valve_twin.core.valves.press_cartridge import MODEL
+from valve_twin.core.valves.press_cartridge.truth import cycle_truth
 from valve_twin.core.valves.registry import complete_options
 
 CYCLES = 105

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from valve_twin.core.control.plc import PlcConfig
 from valve_twin.core.quantity import describe
 from valve_twin.core.simulation import Drive, SimulatedValve
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant
+from valve_twin.core.valves.press_cartridge.plc import PlcConfig
 from valve_twin.core.valves.registry import get_simulation
 
 PLANT = PressCartridgePlant()

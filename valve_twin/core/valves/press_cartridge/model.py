@@ -19,15 +19,8 @@ from valve_twin.core.estimation.cycle.plausibility import (
     still_fault,
     unit_fault,
 )
-from valve_twin.core.estimation.cycle.response_checks import (
-    late_fault,
-    lost_fault,
-    step_fault,
-    stroke_fault,
-)
 from valve_twin.core.estimation.data.masks import Masks, find_masks
 from valve_twin.core.estimation.data.noise import rest_noise
-from valve_twin.core.simulation.truth import cycle_truth
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.types import (
     Cycle,
@@ -55,6 +48,12 @@ from valve_twin.core.valves.press_cartridge.estimation.guards import check_gap
 from valve_twin.core.valves.press_cartridge.estimation.kalman import fit_kalman, pool_ratios
 from valve_twin.core.valves.press_cartridge.estimation.lag import LagScan, scan_lag
 from valve_twin.core.valves.press_cartridge.estimation.output_error import fit_output_error
+from valve_twin.core.valves.press_cartridge.estimation.response.checks import (
+    late_fault,
+    lost_fault,
+    step_fault,
+    stroke_fault,
+)
 from valve_twin.core.valves.press_cartridge.estimation.response.timing import Timing, pool_timing
 from valve_twin.core.valves.press_cartridge.estimator_options import (
     equation_error_options,
@@ -78,6 +77,7 @@ from valve_twin.core.valves.press_cartridge.predictor import (
     predict_block,
     set_gains,
 )
+from valve_twin.core.valves.press_cartridge.truth import cycle_truth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

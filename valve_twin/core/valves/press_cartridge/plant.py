@@ -24,18 +24,18 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from valve_twin.core.control.plc import PlcConfig
-from valve_twin.core.control.plc import initial_state as plc_state
-from valve_twin.core.physics.orifice import signed_root
 from valve_twin.core.quantity import assumed, check_quantities, quantity
 from valve_twin.core.simulation.config import Scatter, SimulationConfig
 from valve_twin.core.simulation.faults import PLANT_KINDS
 from valve_twin.core.simulation.plant import Drive, Plant, Response, whole_ratio
+from valve_twin.core.valves.press_cartridge.orifice import signed_root
 from valve_twin.core.valves.press_cartridge.plant_kernel import (
     PressCoefficients,
     opening,
     run_press,
 )
+from valve_twin.core.valves.press_cartridge.plc import PlcConfig
+from valve_twin.core.valves.press_cartridge.plc import initial_state as plc_state
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

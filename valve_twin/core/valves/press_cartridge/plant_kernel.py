@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from valve_twin.core.control.plc import PlcSettings, plc_step
-from valve_twin.core.physics.orifice import root_slope, signed_root
+from valve_twin.core.valves.press_cartridge.orifice import root_slope, signed_root
+from valve_twin.core.valves.press_cartridge.plc import PlcSettings, plc_step
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:

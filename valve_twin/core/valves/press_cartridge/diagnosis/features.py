@@ -18,10 +18,10 @@ from valve_twin.core.diagnosis.direct.bounds import OFF_SEAT, WEAK_SMALL
 from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED
 from valve_twin.core.diagnosis.features import FeatureSet
 from valve_twin.core.estimation.data.masks import held_recently
-from valve_twin.core.estimation.data.missed import missed_values
 from valve_twin.core.estimation.data.noise import find_rest, rest_noise
 from valve_twin.core.estimation.data.robust import find_spikes
 from valve_twin.core.types import Parameter, ParameterStatus, ParameterValue
+from valve_twin.core.valves.press_cartridge.diagnosis.missed import missed_values
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks

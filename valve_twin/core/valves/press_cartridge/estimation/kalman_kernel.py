@@ -18,19 +18,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.solvers.line_search import (
-    BEST,
-    BEST_VALUE,
-    line_next,
-    line_start,
-    line_update,
-)
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,
     POLE_MAX,
     Stretch,
     solve_positive,
+)
+from valve_twin.core.valves.press_cartridge.estimation.solvers.line_search import (
+    BEST,
+    BEST_VALUE,
+    line_next,
+    line_start,
+    line_update,
 )
 from valve_twin.kernels import njit
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from valve_twin.core.estimation.solvers.line_search import (
+from valve_twin.core.valves.press_cartridge.estimation.solvers.line_search import (
     BEST,
     BEST_VALUE,
     line_next,

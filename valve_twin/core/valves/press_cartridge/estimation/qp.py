@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.data.kernels import extreme_eigenvalues
-from valve_twin.core.estimation.solvers.active_set import (
+from valve_twin.core.refusal import Refusal, RefusalCode
+from valve_twin.core.valves.press_cartridge.estimation.solvers.active_set import (
     ACTIVE,
     QuadraticProgram,
     kkt_residual,
     minimise,
 )
-from valve_twin.core.estimation.solvers.small_qp import SOLVED, solve_small
-from valve_twin.core.refusal import Refusal, RefusalCode
+from valve_twin.core.valves.press_cartridge.estimation.solvers.small_qp import SOLVED, solve_small
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray

@@ -15,12 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.solvers.line_search import (
-    BEST_VALUE,
-    line_next,
-    line_start,
-    line_update,
-)
 from valve_twin.core.valves.press_cartridge.estimation.free_run import (
     acting_command,
     find_phases,
@@ -31,6 +25,12 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     POLE_MAX,
     Stretch,
     search_pole_near,
+)
+from valve_twin.core.valves.press_cartridge.estimation.solvers.line_search import (
+    BEST_VALUE,
+    line_next,
+    line_start,
+    line_update,
 )
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from valve_twin.core.physics.orifice import LINEAR_PRESSURE, root_slope, signed_root
+from valve_twin.core.valves.press_cartridge.orifice import LINEAR_PRESSURE, root_slope, signed_root
 
 pressures = st.floats(-3e7, 3e7)
 

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.estimation.data.missed import missed_values
+from valve_twin.core.valves.press_cartridge.diagnosis.missed import missed_values
 
 STEP = 0.005  # of the position in a sample of motion
 

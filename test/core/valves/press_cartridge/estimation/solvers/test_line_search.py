@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.estimation.solvers.line_search import (
+from valve_twin.core.valves.press_cartridge.estimation.solvers.line_search import (
     BEST,
     BEST_VALUE,
     line_next,

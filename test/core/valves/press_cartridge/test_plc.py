@@ -2,7 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 import pytest
 
-from valve_twin.core.control.plc import PlcConfig, initial_state, plc_step
+from valve_twin.core.valves.press_cartridge.plc import PlcConfig, initial_state, plc_step
 
 PLC = PlcConfig()
 

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from valve_twin.core.estimation.solvers.small_qp import NOT_FOUND, SOLVED, solve_small
 from valve_twin.core.valves.press_cartridge.estimation.constraints import (
     Inequalities,
     parse_inequalities,
@@ -21,6 +20,11 @@ from valve_twin.core.valves.press_cartridge.estimation.constraints import (
 )
 from valve_twin.core.valves.press_cartridge.estimation.qp import solve_qp, solve_qp_general
 from valve_twin.core.valves.press_cartridge.estimation.regression import Gram
+from valve_twin.core.valves.press_cartridge.estimation.solvers.small_qp import (
+    NOT_FOUND,
+    SOLVED,
+    solve_small,
+)
 
 PHYSICS = physical_inequalities(v_in_max=0.75, v_out_max=0.75)
 GAP = 1e-12
