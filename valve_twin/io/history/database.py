@@ -9,7 +9,6 @@ start and never in its middle.
 
 from __future__ import annotations
 
-import os
 import sqlite3
 import threading
 from contextlib import contextmanager, nullcontext
@@ -139,6 +138,8 @@ class Database:
             connection.begin(),
         ):
             yield connection
+            if self.files is not None:
+                self.files.adopt_index()
 
     @contextmanager
     def errors(self, done: str) -> Iterator[None]:
@@ -187,6 +188,8 @@ class Database:
 
     def mend_index(self) -> None:
         """Make the index of the log usable again where it is not; StoreError says why not."""
+        if self.files is not None and self.files.thaw():
+            self._let_go()
         if self.files is None or self.files.index_trouble() is None:
             return
         with self.errors("used"):
@@ -244,13 +247,9 @@ class Database:
     def _connect_sqlite(self) -> sqlite3.Connection:
         assert self.file is not None
         assert self.files is not None
-        path = self.file.absolute()
-        mode = "ro" if self.read_only else ("rwc" if not self.files.is_known else "rw")
-        if self.read_only and not _can_write(path.parent) and not Path(f"{path}-wal").exists():
-            # read-only media: the lock file of WAL cannot be made there and is not needed
-            mode = "ro&immutable=1"
+        mode = self.files.open_mode(read_only=self.read_only)
         connection = sqlite3.connect(
-            f"{path.as_uri()}?mode={mode}",
+            f"{self.file.absolute().as_uri()}?mode={mode}",
             uri=True,
             timeout=self._busy_timeout_s,
             isolation_level=None,
@@ -278,6 +277,8 @@ class Database:
                 if not self.read_only:
                     connection.rollback()
                     self._set_wal(connection)
+                assert self.files is not None
+                self.files.adopt_index()
             self.check_file()
         with self.engine.connect() as connection:
             current = self._schema_is_current(connection)
@@ -418,10 +419,6 @@ def _parse_url(text: str) -> URL:
 def _text(data: bytes) -> str:
     """Read a text; what is damaged in it stays so, for its check sum to tell."""
     return data.decode("utf-8", "surrogateescape")
-
-
-def _can_write(folder: Path) -> bool:
-    return os.access(folder, os.W_OK, effective_ids=os.access in os.supports_effective_ids)
 
 
 def _begin_sqlite(connection: Connection) -> None:

@@ -196,6 +196,61 @@ def test_several_parts_of_a_process_give_the_old_one_up_before_there_is_a_new_on
         assert [len(two.cycles(v)) for v in ("/a", "/b")] == [2, 2]
 
 
+def test_who_may_not_write_the_folder_sees_twins_come_and_go(tmp_path, monkeypatch, caplog):
+    file = tmp_path / "history.db"
+    with History(file) as history:
+        history.store("/a", CycleRecord(1, 0, 1, 850))
+    monkeypatch.setattr("valve_twin.io.history.wal.watch._can_write", lambda _: False)
+    with History(file, read_only=True) as reader:
+        for cycle in range(2, 6):
+            with History(file) as history:
+                history.store("/a", CycleRecord(cycle, 0, cycle, 850))
+                assert len(reader.cycles("/a")) == cycle
+                assert not reader.moved
+            if cycle > 3:
+                assert len(reader.cycles("/a")) == cycle
+    assert caplog.messages == []
+
+
+def test_an_index_is_watched_from_when_it_is_used(tmp_path, caplog):
+    file = tmp_path / "history.db"
+    with History(file) as history:
+        history.store("/a", CycleRecord(1, 0, 1, 850))
+    with closing(sqlite3.connect(file)) as connection:
+        connection.execute("PRAGMA journal_mode=DELETE")
+    with History(file, read_only=True) as reader:
+        for cycle in range(2, 5):
+            with History(file) as history:
+                assert not reader.moved
+                history.store("/a", CycleRecord(cycle, 0, cycle, 850))
+            assert not reader.moved
+        assert len(reader.cycles("/a")) == 4
+    assert caplog.messages == []
+
+
+def test_what_is_open_can_be_read_and_closed_where_the_folder_cannot_be_looked_at(
+    tmp_path, monkeypatch
+):
+    file = tmp_path / "history.db"
+    history = History(file)
+    history.store("/a", CycleRecord(1, 0, 1, 850))
+    real = os.stat
+
+    def refuse(path, *args, **kwargs):
+        if str(path).startswith(str(file)):
+            raise PermissionError(13, "Permission denied")
+        return real(path, *args, **kwargs)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "stat", refuse)
+        assert len(history.cycles("/a")) == 1
+        with pytest.raises(StoreError, match="Permission denied"):
+            history.store("/a", CycleRecord(2, 0, 2, 850))
+        history.close()
+    with History(file) as history:
+        assert history.store("/a", CycleRecord(2, 0, 2, 850))
+
+
 @pytest.mark.parametrize("left", [0, 32768, 40000])
 def test_an_index_of_many_parts_is_as_long_as_before(left, tmp_path):
     file = tmp_path / "a.db"
@@ -208,6 +263,7 @@ def test_an_index_of_many_parts_is_as_long_as_before(left, tmp_path):
         connection.execute("BEGIN")
         connection.executemany("INSERT INTO cycle VALUES (?)", rows)
         connection.execute("COMMIT")
+        watch.adopt()
         assert watch.state() is State.SOUND
         size_b = os.stat(f"{file}-shm").st_size
         assert size_b > 40000

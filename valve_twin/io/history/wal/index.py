@@ -55,16 +55,27 @@ class IndexWatch:
         self._identity: tuple[int, int] | None = None
         self._size_b = 0
 
+    def adopt(self) -> None:
+        """Take the one that is there for the one in use, where none is known.
+
+        To be called while SQLite has it open: before, it may end with whoever made it.
+        """
+        if self._identity is None:
+            with suppress(OSError):
+                status = os.stat(self._path)
+                self._identity, self._size_b = (status.st_dev, status.st_ino), status.st_size
+
     def state(self) -> State:
-        """Return what became of it since it was opened."""
+        """Return what became of it since it was opened; sound where nobody can tell."""
+        if self._identity is None:
+            return State.SOUND
         try:
             status = os.stat(self._path)
         except (FileNotFoundError, NotADirectoryError):
-            return State.SOUND if self._identity is None else State.LOST
-        found = status.st_dev, status.st_ino
-        if self._identity is None:
-            self._identity = found
-        if found != self._identity:
+            return State.LOST
+        except OSError:
+            return State.SOUND
+        if (status.st_dev, status.st_ino) != self._identity:
             return State.LOST
         if status.st_size < self._size_b:
             return State.CUT

@@ -69,11 +69,42 @@ class FileWatch:
         self.log_copy: LogCopy | None = None
         self._since_s = math.inf
         self.index = IndexWatch(self._log)
+        self._frozen: tuple[object, ...] | None = None
 
     @property
     def is_known(self) -> bool:
         """Whether the file was seen."""
         return self._identity is not None
+
+    def open_mode(self, *, read_only: bool) -> str:
+        """Return how SQLite is to open the file, as its URI takes it.
+
+        Parameters
+        ----------
+        read_only : bool
+            Whether nothing is to be written.
+        """
+        if not read_only:
+            return "rw" if self.is_known else "rwc"
+        found = self._seen()
+        if _can_write(self._file.absolute().parent) or found[-1]:
+            return "ro"
+        # read-only media: the lock file of WAL cannot be made there and is not needed
+        self._frozen = found
+        return "ro&immutable=1"
+
+    def thaw(self) -> bool:
+        """Return whether a file that was opened as one that nobody writes was written since."""
+        with suppress(OSError):
+            if self._frozen is not None and self._frozen != self._seen():
+                self._frozen = None
+                return True
+        return False
+
+    def adopt_index(self) -> None:
+        """Watch the index, which SQLite has open now unless nobody writes the file."""
+        if self._frozen is None:
+            self.index.adopt()
 
     def begin(self) -> None:
         """Watch the log, too, which is there from now on; one that was watched is let go."""
@@ -126,11 +157,12 @@ class FileWatch:
 
     def index_trouble(self) -> Trouble | None:
         """Return what happened to the index of the log, while file and log are those opened."""
-        if _identity(_status(self._file)) != self._identity:
-            return None
-        if self.log_copy is not None and not self.log_is_own():
-            return None
-        return self._index_trouble()
+        with suppress(OSError):  # nobody can tell: what is open can still be read
+            if _identity(_status(self._file)) == self._identity and (
+                self.log_copy is None or self.log_is_own()
+            ):
+                return self._index_trouble()
+        return None
 
     def mend_index(self, where: str, let_go: Callable[[], None]) -> None:
         """Make the index usable again, before SQLite looks at it.
@@ -177,6 +209,12 @@ class FileWatch:
         own = self._log_identity
         return own is not None and own == _identity(_status(self._log))
 
+    def _seen(self) -> tuple[object, ...]:
+        """Return what changes when the file is written; last whether it has a log."""
+        status = _status(self._file)
+        size = None if status is None else (status.st_size, status.st_mtime_ns)
+        return _identity(status), size, _status(self._log) is not None
+
     def _is_cut(self, size_b: int) -> bool:
         """Return whether the file lost pages; a vacuumed one has those that it should."""
         if size_b >= self._size_b:
@@ -203,6 +241,10 @@ def _status(path: Path | str) -> os.stat_result | None:
         return os.stat(path)
     except (FileNotFoundError, NotADirectoryError):
         return None
+
+
+def _can_write(folder: Path) -> bool:
+    return os.access(folder, os.W_OK, effective_ids=os.access in os.supports_effective_ids)
 
 
 def _identity(status: os.stat_result | None) -> tuple[int, int] | None:
