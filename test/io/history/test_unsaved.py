@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
+import errno
 import os
+from pathlib import Path
 
 import pytest
 
 from test.io.history.test_store import VALVE, both, record
 from valve_twin.core.operation.counters import Counters
+from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import History
 from valve_twin.io.history.unsaved import UnsavedCycle, UnsavedCycles, unsaved_of
 
@@ -48,6 +51,34 @@ def test_a_damaged_file_is_none(unsaved):
     assert unsaved.read(VALVE, path) is None
     path.unlink()
     assert unsaved.read(VALVE, path) is None
+
+
+def test_a_disk_that_fails_leaves_nothing_behind(unsaved, tmp_path, monkeypatch):
+    whole = Path.write_bytes
+
+    def fill(path, data):
+        whole(path, data[:20])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", fill)
+        with pytest.raises(OSError, match="No space"):
+            unsaved.put(VALVE, CYCLE)
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+
+
+def test_what_cannot_be_read_now_is_not_gone(unsaved, monkeypatch):
+    path = unsaved.put(VALVE, CYCLE)
+
+    def refuse(path):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    with pytest.raises(StoreError, match="cannot be read: Permission denied"):
+        unsaved.read(VALVE, path)
+    with pytest.raises(StoreError, match="cannot be read: Permission denied"):
+        unsaved.waiting(VALVE)
 
 
 def test_only_what_a_server_keeps_waits_in_the_folder(server, tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ flushed: what a power cut leaves of one carries no right check sum.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
 
+from valve_twin.io.errors import StoreError
 from valve_twin.io.history.log.counters import counters_row, row_counters
 from valve_twin.io.history.tables import (
     CycleRecord,
@@ -35,6 +37,9 @@ if TYPE_CHECKING:
     from valve_twin.io.history.store import History
 
 _MAGIC = b"valve_twin unsaved cycle 1 "
+
+_GONE = {errno.ENOENT, errno.EISDIR, errno.EIO, errno.EUCLEAN}
+"""What says that a file will not come back; others are about rights, memory or open files."""
 
 
 class UnsavedCycle(NamedTuple):
@@ -83,18 +88,32 @@ class UnsavedCycles:
             "counters": None if counters is None else counters_row(counters),
         }
         content = json.dumps(rows, allow_nan=True).encode() + b"\n"
-        part = path.with_name(f".{path.name}.part")
-        part.write_bytes(seal(_MAGIC, content) + content)
-        os.replace(part, path)
+        part = path.with_name(f".{_file_name(valve)}.part")  # one a valve: nothing piles up
+        try:
+            part.write_bytes(seal(_MAGIC, content) + content)
+            os.replace(part, path)
+        except OSError:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+            raise
         return path
 
     def waiting(self, valve: str) -> list[Path]:
-        """Return the files of a valve, oldest cycle first."""
+        """Return the files of a valve, oldest cycle first.
+
+        Raises
+        ------
+        StoreError
+            If the folder cannot be read.
+        """
         start = f"{_file_name(valve)}."
-        with suppress(FileNotFoundError):
+        try:
             found = [p for p in self._folder.iterdir() if p.name.startswith(start)]
-            return sorted(p for p in found if p.name.removeprefix(start).isdigit())
-        return []
+        except FileNotFoundError:
+            return []
+        except OSError as err:
+            raise _unreadable(self._folder, err) from err
+        return sorted(p for p in found if p.name.removeprefix(start).isdigit())
 
     def read(self, valve: str, path: Path) -> UnsavedCycle | None:
         """Return what a file keeps, None where it is damaged, gone or another valve's.
@@ -105,9 +124,20 @@ class UnsavedCycles:
             Whose it should be.
         path : Path
             The file.
+
+        Raises
+        ------
+        StoreError
+            If it is there and the disk gives it later, perhaps.
         """
-        with suppress(OSError, ValueError, KeyError, TypeError):
-            found = unsealed(_MAGIC, path.read_bytes())
+        try:
+            content = path.read_bytes()
+        except OSError as err:
+            if err.errno in _GONE:
+                return None
+            raise _unreadable(path, err) from err
+        with suppress(ValueError, KeyError, TypeError):
+            found = unsealed(_MAGIC, content)
             if found is None or found[0]["valve"] != valve:
                 return None
             rows = found[0]
@@ -136,6 +166,11 @@ def unsaved_of(history: History, folder: str) -> UnsavedCycles | None:
         if found and history.is_remote
         else None
     )
+
+
+def _unreadable(path: Path, err: OSError) -> StoreError:
+    msg = f"{path}: cannot be read: {err.strerror}: check the access rights"
+    return StoreError(msg)
 
 
 def _file_name(valve: str) -> str:

@@ -210,7 +210,7 @@ class HistoryWriter:
                 found = None
                 self._node.get_logger().error(f"{name}: {err}")
             lost += found is None
-            file.unlink(missing_ok=True)
+            _unlink(file)
         if files:
             text = f"{name}: {len(files) - lost} cycles that waited on disk are stored"
             lost_text = (
@@ -257,7 +257,9 @@ class HistoryWriter:
             for queued in rest:
                 if seconds_now() > end_s:
                     return
-                _store(self.history, queued, self.unsaved)
+                taken = _store(self.history, queued, self.unsaved)
+                if taken is not None:
+                    self._tell_taken(queued, taken)
                 self._waiting.popleft()
                 _forget(queued)
             when_stored()
@@ -332,9 +334,10 @@ class HistoryWriter:
             self.since_s = seconds_now()
             self._node.get_logger().error(f"not stored, kept and tried again: {error}")
         self.error = error
+        has_room = True
         for queued in self._waiting:
             self._publish_unstored(queued)
-            self._keep(queued)
+            has_room = has_room and (self.unsaved is None or self._keep(queued))
         self._timer = self._node.create_timer(self._retry_s, self._retry, clock=STEADY)
 
     def _retry(self) -> None:
@@ -352,6 +355,9 @@ class HistoryWriter:
         queued.valve.refused += 1
         self._publish_unstored(queued)
         queued.valve.number_from(taken.last_cycle)
+        self._tell_taken(queued, taken)
+
+    def _tell_taken(self, queued: QueuedCycle, taken: _Taken) -> None:
         self._node.get_logger().error(
             f"{queued.valve.name}: cycle {queued.record.cycle} is not stored: {taken.error}"
         )
@@ -359,25 +365,29 @@ class HistoryWriter:
     def _drop_excess(self) -> None:
         """Let go of the oldest cycles beyond the limit, which are kept on disk or lost."""
         while len(self._waiting) - self._shed > self._limit:
-            queued = self._waiting[self._shed]
-            if queued.file is None:
-                del self._waiting[self._shed]
+            # one that was being stored comes back before those that are on disk only
+            at = self._shed if self._waiting[0].is_shed else 0
+            queued = self._waiting[at]
+            if not self._keep(queued):
+                del self._waiting[at]
                 self._drop(queued)
             else:
+                self._publish_unstored(queued)
                 queued.shed()
                 self._shed += 1
 
-    def _keep(self, queued: QueuedCycle) -> None:
-        """Keep what is not stored on disk, if there is a place for it."""
+    def _keep(self, queued: QueuedCycle) -> bool:
+        """Keep what is not stored on disk, if there is a place for it; return whether it is."""
         if self.unsaved is None or queued.file is not None:
-            return
+            return queued.file is not None
         cycle = UnsavedCycle(queued.record, queued.estimates, queued.counters)
         try:
             queued.file = self.unsaved.put(queued.valve.name, cycle)
         except OSError as err:
-            if self._unkept != str(err):
+            if self._unkept != str(err.strerror):
                 self._node.get_logger().error(f"not kept on disk: {err}")
-            self._unkept = str(err)
+            self._unkept = str(err.strerror)
+        return queued.file is not None
 
     def _drop(self, queued: QueuedCycle) -> None:
         queued.valve.waiting -= 1
@@ -405,8 +415,12 @@ class _Taken:
 def _forget(queued: QueuedCycle) -> None:
     """Let go of what is kept on disk of a cycle."""
     if queued.file is not None:
-        with suppress(OSError):  # it is stored once more at the next start, which does nothing
-            queued.file.unlink(missing_ok=True)
+        _unlink(queued.file)
+
+
+def _unlink(file: Path) -> None:
+    with suppress(OSError):  # it is stored once more at the next start, which does nothing
+        file.unlink(missing_ok=True)
 
 
 def _store(history: History, queued: QueuedCycle, unsaved: UnsavedCycles | None) -> _Taken | None:
