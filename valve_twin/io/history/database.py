@@ -248,6 +248,7 @@ class Database:
         assert self.file is not None
         assert self.files is not None
         mode = self.files.open_mode(read_only=self.read_only)
+        self.files.index.heal()
         connection = sqlite3.connect(
             f"{self.file.absolute().as_uri()}?mode={mode}",
             uri=True,
@@ -279,6 +280,7 @@ class Database:
                     self._set_wal(connection)
                 assert self.files is not None
                 self.files.adopt_index()
+            self.files.mend_index(self.where, self._let_go)
             self.check_file()
         with self.engine.connect() as connection:
             current = self._schema_is_current(connection)

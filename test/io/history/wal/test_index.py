@@ -144,6 +144,19 @@ def test_whoever_has_it_open_goes_on_and_says_so(harm, size_b, other, tmp_path):
     require_all(file, first, second, third)
 
 
+@pytest.mark.parametrize("size_b", [136, 500, 5000])
+def test_whoever_comes_next_restores_what_was_cut_behind_its_head(size_b, other, tmp_path):
+    file, first = tmp_path / "history.db", other("/a")
+    first.store(20)
+    cut(Path(f"{file}-shm"), size_b)
+    second = other("/b")  # SQLite makes it as long as it was, with nothing in it
+    second.store(5)
+    first.store(5)
+    first.end()
+    second.end()
+    require_all(file, first, second)
+
+
 @pytest.mark.parametrize("stays", [True, False])
 @pytest.mark.parametrize(("harm", "size_b"), HARM[2:], ids=IDS[2:])
 def test_what_a_newcomer_stored_meanwhile_is_kept(harm, size_b, stays, other, tmp_path):
@@ -226,6 +239,30 @@ def test_an_index_is_watched_from_when_it_is_used(tmp_path, caplog):
             assert not reader.moved
         assert len(reader.cycles("/a")) == 4
     assert caplog.messages == []
+
+
+@pytest.mark.parametrize("read_only", [False, True])
+def test_an_index_that_goes_while_it_is_opened_is_not_taken_for_the_next(
+    read_only, other, tmp_path, monkeypatch, caplog
+):
+    file, first = tmp_path / "history.db", other("/a")
+    first.store(2)
+    adopt = IndexWatch.adopt
+
+    def go_first(watch):
+        monkeypatch.undo()
+        Path(f"{file}-shm").unlink()
+        first.store(2)  # it makes a new one
+        adopt(watch)
+
+    monkeypatch.setattr(IndexWatch, "adopt", go_first)
+    with History(file, read_only=read_only) as history:
+        assert len(history.cycles("/a")) == 4
+        first.store(3)
+        assert len(history.cycles("/a")) == 7
+    first.end()
+    require_all(file, first)
+    assert [m for m in caplog.messages if "was deleted or replaced" in m]
 
 
 def test_what_is_open_can_be_read_and_closed_where_the_folder_cannot_be_looked_at(

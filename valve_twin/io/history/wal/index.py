@@ -14,7 +14,13 @@ from contextlib import contextmanager, nullcontext, suppress
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from valve_twin.io.history.wal.frames import HEADER_B, index_of, keep_open, read_header
+from valve_twin.io.history.wal.frames import (
+    HEADER_B,
+    index_of,
+    keep_open,
+    read_header,
+    read_index,
+)
 from valve_twin.io.history.wal.hold import nobody_uses
 from valve_twin.io.locks import lock_part
 
@@ -24,6 +30,9 @@ if TYPE_CHECKING:
 _HEAD_B = 136
 _REGION_B, _FIRST_FRAMES, _FRAMES = 32768, 4062, 4096
 """Bytes of a part of an index, and frames in the first and in each other part [1]."""
+
+_NONE = -1, -1
+"""Device and file that no index is."""
 
 _SHARED, _SHARED_B = 0x40000002, 510
 """Where SQLite locks a database that it has open [B]."""
@@ -58,12 +67,15 @@ class IndexWatch:
     def adopt(self) -> None:
         """Take the one that is there for the one in use, where none is known.
 
-        To be called while SQLite has it open: before, it may end with whoever made it.
+        To be called while SQLite has it open: before, it may end with whoever made it. Where the
+        one in use was deleted since, it is lost, whatever is there.
         """
-        if self._identity is None:
+        if self._identity is None and os.path.exists(self._log):
             with suppress(OSError):
                 status = os.stat(self._path)
                 self._identity, self._size_b = (status.st_dev, status.st_ino), status.st_size
+            if self.is_used():
+                self._identity = _NONE
 
     def state(self) -> State:
         """Return what became of it since it was opened; sound where nobody can tell."""
@@ -81,6 +93,22 @@ class IndexWatch:
             return State.CUT
         self._size_b = status.st_size
         return State.SOUND
+
+    def heal(self) -> None:
+        """Restore one that is too short for what it says, before SQLite opens it.
+
+        SQLite would make it as long as it should be, with what it lacks taken to be there.
+
+        Raises
+        ------
+        OSError
+            As `restore`.
+        """
+        with suppress(FileNotFoundError):
+            if os.stat(self._path).st_size < self._least_b():
+                index = read_index(self._log)
+                if index and os.stat(self._path).st_size < _size_b(index.frames):
+                    self.restore()
 
     def restore(self) -> None:
         """Make a cut one as long as before and empty: SQLite then makes it anew from the log.
@@ -120,8 +148,12 @@ class IndexWatch:
             header = read_header(log.read(HEADER_B))
             if header is not None:
                 frames = (os.fstat(log.fileno()).st_size - HEADER_B) // header.frame_b
-                return _REGION_B * (1 + -(-max(frames - _FIRST_FRAMES, 0) // _FRAMES))
+                return _size_b(frames)
         return _REGION_B
+
+
+def _size_b(frames: int) -> int:
+    return _REGION_B * (1 + -(-max(frames - _FIRST_FRAMES, 0) // _FRAMES))
 
 
 @contextmanager

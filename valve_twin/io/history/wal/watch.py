@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import math
 import os
@@ -158,9 +159,8 @@ class FileWatch:
     def index_trouble(self) -> Trouble | None:
         """Return what happened to the index of the log, while file and log are those opened."""
         with suppress(OSError):  # nobody can tell: what is open can still be read
-            if _identity(_status(self._file)) == self._identity and (
-                self.log_copy is None or self.log_is_own()
-            ):
+            is_own = not self.is_known or _identity(_status(self._file)) == self._identity
+            if is_own and (self.log_copy is None or self.log_is_own()):
                 return self._index_trouble()
         return None
 
@@ -188,6 +188,8 @@ class FileWatch:
             self.index.restore()
         else:
             let_go()
+            if self.index.is_used():
+                gc.collect()  # what a thread gave back to a pool that is no more
             if self.index.is_used():
                 msg = (
                     f"{where}: {trouble.value}, and another part of this process uses the old one"
