@@ -107,7 +107,7 @@ class IndexWatch:
         with suppress(FileNotFoundError):
             if os.stat(self._path).st_size < self._least_b():
                 index = read_index(self._log)
-                if index and os.stat(self._path).st_size < _size_b(index.frames):
+                if index and index.frames and os.stat(self._path).st_size < _size_b(index.frames):
                     self.restore()
 
     def restore(self) -> None:
@@ -137,9 +137,9 @@ class IndexWatch:
 
     def is_used(self) -> bool:
         """Return whether another part of this process still uses one that was deleted."""
-        gone = f"{os.path.realpath(self._path)} (deleted)"
-        with suppress(FileNotFoundError), open("/proc/self/maps", encoding="utf-8") as maps:
-            return any(line.rstrip("\n").endswith(gone) for line in maps)
+        gone = os.fsencode(f" {os.path.realpath(self._path)} (deleted)\n")
+        with suppress(FileNotFoundError), open("/proc/self/maps", "rb") as maps:
+            return gone in maps.read()
         return False
 
     def _least_b(self) -> int:
