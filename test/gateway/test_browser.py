@@ -11,7 +11,6 @@ from contextlib import closing
 from urllib.parse import quote
 
 import pytest
-import sqlalchemy as sa
 
 from test.gateway.chromium import Browser
 from test.gateway.test_web import HOSTILE, Server, store
@@ -21,7 +20,8 @@ from valve_twin.core.types import Maintenance
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.insert import Insert
 from valve_twin.io.history.store import History
-from valve_twin.io.history.tables import CYCLE, ESTIMATE, VALVE, estimate_row, to_row
+from valve_twin.io.history.tables import CYCLE, ESTIMATE, estimate_row, to_row
+from valve_twin.io.history.valves.names import key_of
 
 WORN, LONG = "/press/worn", "/press/line_12/valve_number_00"
 PAGES = ("/", f"/valve{WORN}", f"/cycles{WORN}", f"/report{WORN}")
@@ -58,9 +58,7 @@ CONTRASTS = """(() => {
 def fill(path, valve: str, cycles: int) -> None:
     """Store very many cycles in one transaction."""
     with closing(Database(str(path))) as database, database.write() as connection:
-        Insert(database, VALVE)(connection, [{"name": valve}])
-        query = sa.select(VALVE.c.id).where(VALVE.c.name == valve)
-        number = int(connection.execute(query).scalar_one())
+        number = key_of(connection, valve, database.where)
         cycle, estimates = Insert(database, CYCLE), Insert(database, ESTIMATE)
         for n in range(1, cycles + 1):
             values = {"K_in": 0.01 * (1 + 0.003 * (-1) ** n), "K_out": 0.045, "leak": 1e-3}

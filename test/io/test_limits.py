@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import zlib
+from pathlib import Path
 
 import lz4.frame
 import pytest
@@ -15,6 +16,7 @@ import yaml
 import zstandard
 from mcap.records import Schema
 
+from test import peak
 from test.io.foreign import INSTRUMENTS, SUBJECTS, campaign
 from valve_twin.io.bags.folder import find_files
 from valve_twin.io.cdr.bag_types import BagTypes
@@ -150,12 +152,11 @@ def crc_of_zeros(size):
     return crc
 
 
-WATCHED = """
+WATCHED = f"""{Path(peak.__file__).read_text(encoding="utf-8")}
 import json, sys
-from test.peak import peak_mb
 from valve_twin.cli.main import main
 code = main(sys.argv[1:])
-print(json.dumps({"code": code, "mb": peak_mb()}))
+print(json.dumps({{"code": code, "mb": peak_mb()}}))
 """
 
 

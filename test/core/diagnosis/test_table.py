@@ -45,10 +45,3 @@ def test_a_noisier_sensor_multiplies_the_noise_of_any_valve():
 def test_a_table_without_levels_has_its_signatures_for_every_valve():
     table = replace(TABLE, levels=())
     assert table.on_levels(np.zeros(3))[0] == pytest.approx(TABLE.changes())
-
-
-def test_noise_alone_moves_the_root_of_a_rougher_valve_less():
-    own = TABLE.noise_on(np.log([1e-3, 5e-3, 1.0]))
-    assert own == pytest.approx([1e-2, 1e-2 / 25.0, 1e-3])
-    quieter = TABLE.noise_on(np.log([5e-4, 1e-3, 1.0]))
-    assert quieter == pytest.approx([1e-2, 1e-2, 1e-3])  # never more than the table's

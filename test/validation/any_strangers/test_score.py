@@ -53,13 +53,6 @@ def test_what_is_told_before_the_trouble_does_not_find_it():
     assert found.delays == [0]
 
 
-def test_a_cycle_whose_end_shows_the_trouble_finds_it():
-    """A twin whose cycles end 2 s into those of the production saw a raised stop there."""
-    seen = told(slow(), [finding("slow", ONSET - 1)], shift_ns=2)
-    assert first_with(seen) == ONSET
-    assert score(STRANGER, [seen]).delays == [1]
-
-
 def test_a_trouble_before_anything_can_be_told_is_counted_apart():
     found = score(STRANGER, [told(slow(JUDGED_FROM - 1), ())])
     assert found.shares == {"early: found": [0, 1]}

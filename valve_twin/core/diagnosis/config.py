@@ -42,8 +42,6 @@ class DetectionConfig:
         lower=0.0,
         upper=0.01,
     )
-    early: bool = False
-    """Whether of few cycles all before those that are compared say how the valve scatters."""
     departs: float = quantity(
         4.0,
         "1",
@@ -113,8 +111,6 @@ class DetectionConfig:
         "Share of a change by which the same fault shows more or less from cycle to cycle.",
         lower=0.0,
     )
-    known_first: bool = False
-    """Whether a signature that alone would make a change unknown is left out where others fit."""
     excess: float = quantity(
         3.0, "1", "chi-square over its expectation above which it is unknown.", lower=0.0
     )
@@ -127,7 +123,7 @@ class DetectionConfig:
 OF_A_MODEL = DetectionConfig()
 """For features that a model has of its own."""
 
-OF_ANY_VALVE = DetectionConfig(alone=1e-4, early=True, departs=0.0, varies=0.25, known_first=True)
+OF_ANY_VALVE = DetectionConfig(alone=1e-4, departs=0.0, varies=0.25)
 """For features of any valve."""
 
 BY_A_MODEL = replace(OF_ANY_VALVE, apart=1.0)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -45,14 +45,6 @@ _LEAST_UNFOLLOWED = 5
 
 REACH = 5
 """Cycles before a cycle whose median it is compared with."""
-
-
-class Shapes(NamedTuple):
-    """What signatures do to a valve: `changes`, `scatters` (S, F); `quiet` (F,): noise alone."""
-
-    changes: FloatArray
-    scatters: FloatArray
-    quiet: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,12 +130,10 @@ def whitened_rays(
     off = y - y.mean(axis=0) - np.outer(t, t @ y / (t @ t))
     wider = _doubt(n - 2, config.learn - 2)
     changes, scatters = table.changes(), table.scatters()
-    quiet = np.sqrt(np.diag(table.covariance))
     if level is not None:
         changes, scatters = table.on_levels(level)
-        quiet = table.noise_on(level)
     constant = np.ptp(y, axis=0) == 0.0
-    shapes = Shapes(changes, scatters, quiet)
+    shapes = (changes, scatters)
     return _rays(off, n - 2, known, constant, table, config, wider=wider, shapes=shapes)
 
 
@@ -166,8 +156,7 @@ def rays_of_steps(
     steps = np.concatenate([np.diff(y, axis=0) for y in whole]) / np.sqrt(2.0)
     known = np.isfinite(np.concatenate(parts))
     constant = (steps == 0.0).all(axis=0)
-    usual = np.sqrt(np.diag(table.covariance))
-    shapes = Shapes(table.changes(), table.scatters(), usual)
+    shapes = (table.changes(), table.scatters())
     found = _rays(steps, len(steps), known, constant, table, config, wider=1.0, shapes=shapes)
     usual = np.sqrt(np.maximum(np.diag(table.covariance), np.square(table.floor)))
     each = table.changes() / np.maximum(usual, _ROUNDING)
@@ -187,16 +176,20 @@ def _rays(
     config: DetectionConfig,
     *,
     wider: float,
-    shapes: Shapes,
+    shapes: tuple[FloatArray, FloatArray],
 ) -> Rays:
-    """Whiten the signatures by what (N, F) cycles are off by, `wider` for their few number."""
+    """Whiten the signatures by what (N, F) cycles are off by, `wider` for their few number.
+
+    `shapes` are their changes and scatters (S, F).
+    """
     spread = MAD_SCALE * np.median(np.abs(off), axis=0)
     spread = np.maximum(spread, np.quantile(np.abs(off), _TAIL, axis=0) / _TAIL_DEVIATIONS)
     off = np.where(spread > 0.0, np.clip(off, -4.0 * spread, 4.0 * spread), off)
     floor = np.array(table.floor)
     constant = constant & (floor < _ROUNDING)
     floor = np.where(constant, _NEVER_JUDGED, floor)
-    own = with_floor(off.T @ off / freedom, np.maximum(floor, config.quiet * shapes.quiet))
+    quiet = np.sqrt(np.diag(table.covariance))  # what sampling alone does to a feature
+    own = with_floor(off.T @ off / freedom, np.maximum(floor, config.quiet * quiet))
     scale = config.margin * wider * np.sqrt(np.diag(own))
     prior = with_floor(np.array(table.covariance), floor)
     deviation = np.sqrt(np.diag(prior))
@@ -208,9 +201,9 @@ def _rays(
     white = whitener(correlation * np.outer(scale, scale))
     absent = np.count_nonzero(known[: config.least], axis=0) < config.least // 2
     absent |= constant
-    changes = np.where(absent, 0.0, shapes.changes) @ white.T
+    changes = np.where(absent, 0.0, shapes[0]) @ white.T
     length = np.maximum(np.linalg.norm(changes, axis=1), 1e-12)
-    root = white[None] * np.where(absent, 0.0, shapes.scatters)[:, None, :]
+    root = white[None] * np.where(absent, 0.0, shapes[1])[:, None, :]
     rays = changes / length[:, None]
     if NOISE in table.features and not absent[table.features.index(NOISE)]:
         louder = white[:, table.features.index(NOISE)]

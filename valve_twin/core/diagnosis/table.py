@@ -177,16 +177,6 @@ class SignatureTable:
         """Return the scatter of all signatures, (S, F)."""
         return np.array([s.scatter for s in self.signatures])
 
-    def noise_on(self, own: FloatArray) -> FloatArray:
-        """Return the deviation (F,) by noise alone of a valve whose features are at levels (F,).
-
-        Squares that do not scatter add to those that do where a root is at a higher level.
-        """
-        deviation = np.sqrt(np.diag(np.array(self.covariance)))
-        level = np.array([dict(self.levels).get(n, np.nan) for n in self.features])
-        share = np.minimum(np.exp(2.0 * (level - own)), 1.0)
-        return np.where(np.isfinite(share), share * deviation, deviation)
-
     def on_levels(self, own: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return changes and scatters (S, F) of a valve whose features are at levels (F,)."""
         changes, scatters = self.changes(), self.scatters()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.generic.reference import REFERENCE_CYCLES
-from valve_twin.validation.any_strangers.watch import begun_by, first_with
+from valve_twin.validation.any_strangers.watch import first_with
 from valve_twin.validation.strangers.score import Score
 
 if TYPE_CHECKING:
@@ -67,11 +67,10 @@ def _score_trouble(found: Score, stranger: Stranger, told: Told) -> None:
         found.count("early: found", any(f.alarm >= first for f in told.findings))
         return
     rows = [number for number, _, _ in told.cycles]
-    begun = begun_by(told)
     later = [
-        (f, once) for f, once in zip(told.findings, told.at_once, strict=True) if f.alarm >= begun
+        (f, once) for f, once in zip(told.findings, told.at_once, strict=True) if f.alarm >= first
     ]
-    delay = max(rows.index(later[0][0].alarm) - rows.index(first) + 1, 1) if later else 0
+    delay = rows.index(later[0][0].alarm) - rows.index(first) + 1 if later else 0
     size, right = trouble.size, trouble.right(stranger.valve.kind)
     groups = (size, f"{size}: {stranger.kind}", f"{size}: {trouble.name}")
     for group in groups:

@@ -165,17 +165,6 @@ def watch(stranger: Stranger, setup: Setup, cycles: int = CYCLES) -> list[Told]:
     return found
 
 
-def begun_by(told: Told) -> int:
-    """Return the number of the first of the twin's cycles that ends with the trouble, 0 = none.
-
-    Its end may show the trouble already: what is told of it is no false alarm.
-    """
-    if told.trouble is None:
-        return 0
-    onset_ns = told.starts_ns[told.trouble.onset - 1]
-    return next((number for number, _, end in told.cycles if end > onset_ns), 0)
-
-
 def first_with(told: Told) -> int:
     """Return the number of the first of the twin's cycles of which most has the trouble, 0 = none.
 

@@ -2,8 +2,6 @@
 # Copyright 2026 valve_twin maintainers
 """The end of a fault that comes in one direction only is told from the begin of one."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -52,24 +50,3 @@ def test_the_likeliest_fault_and_its_size_are_told():
     size = [s.severity for s in TABLE.signatures if s.fault == "leak"][1]
     # 12 standard deviations a cycle, five cycles: 4 %, and 0.3 of it may be unlike
     assert found.severity == pytest.approx(size, rel=0.15)
-
-
-def test_a_signature_unlike_the_change_gives_way_to_one_that_is_alike():
-    """A fault that scatters much was the likeliest of any change, which then was unknown."""
-    rng = np.random.default_rng(3)
-    rows = rng.multivariate_normal(np.zeros(len(TABLE.features)), TABLE.covariance, 45)
-    leak = next(s for s in TABLE.signatures if s.fault == "leak")
-    other = next(s for s in TABLE.signatures if s.fault == "dead_band")
-    wild = replace(other, scatter=tuple(30.0 * np.sqrt(np.diag(TABLE.covariance))))
-    table = replace(TABLE, signatures=(leak, wild))
-    w, _, rays = whitened(rows, 40, 45, table, CONFIG)
-    varied = 20.0 * rng.standard_normal((5, len(rows.T)))  # as the commands of each cycle do it
-    shown = 10.0 * rays.changes[0] + varied - varied.mean(axis=0)
-    told = {}
-    for known_first in (False, True):
-        config = replace(CONFIG, known_first=known_first)
-        found = match(w[40:] + shown, rays, table, config, line=1.0 / 40)
-        told[known_first] = (max(found.likelihood, key=found.likelihood.__getitem__), found.like)
-    assert told[False][0] == "dead_band"
-    assert told[True][0] == "leak"
-    assert told[True][1] > CONFIG.like

@@ -8,10 +8,12 @@ import random
 import subprocess
 import sys
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from test import peak
 from valve_twin.io.errors import BagError
 from valve_twin.io.instruments.cells import read_rows
 from valve_twin.io.instruments.text import blocks, table
@@ -139,10 +141,8 @@ def test_a_large_table_takes_a_few_times_its_size(tmp_path):
     ).astype(str)
     lines = (f"{t};{a:.6f};{b:.6f};{c:.6f}\n" for t, (a, b, c) in zip(times, values, strict=True))
     path.write_text("when;a;b;c\n" + "".join(lines), encoding="utf-8")
-    script = (
+    script = Path(peak.__file__).read_text(encoding="utf-8") + (
         "import sys\n"
-        "from pathlib import Path\n"
-        "from test.peak import peak_mb\n"
         "from valve_twin.io.instruments.read import read_recording\n"
         "small, path = Path(sys.argv[2]), Path(sys.argv[1])\n"
         "read_recording(small)\n"

@@ -59,40 +59,22 @@ def match(
     line : float
         Variance of what they are compared with [1].
     """
-    change = off.mean(axis=0)
-    unlike = config.unlike**2 * float(np.sum(change**2)) / off.shape[1]
+    unlike = config.unlike**2 * float(np.sum(off.mean(axis=0) ** 2)) / off.shape[1]
     fits = [
         fit_change(off, rays, k, line, table.range(k), unlike=unlike, varies=config.varies)
         for k in range(len(table.signatures))
     ]
-    values = np.array([value if size > _NO_SIZE else -np.inf for value, size, _ in fits])
-    excess = np.array([chi2 for _, _, chi2 in fits]) / off.size
-    like = alike(change, rays)[: len(fits)]
-    if config.known_first:
-        known = (like >= config.like) | (excess <= config.excess)
-        values = np.where(known, values, -np.inf) if np.isfinite(values[known]).any() else values
     best: dict[str, float] = {}
-    for signature, value in zip(table.signatures, values.tolist(), strict=True):
+    values = [value if size > _NO_SIZE else -np.inf for value, size, _ in fits]
+    for signature, value in zip(table.signatures, values, strict=True):
         best[signature.fault] = max(best.get(signature.fault, -np.inf), value)
     k = int(np.argmax(values))
-    explained = abs(float(like[k])) if np.isfinite(values[k]) else -1.0
-    severity = table.signatures[k].severity * fits[k][1]
+    size, change = fits[k][1], off.mean(axis=0)
+    like = float(rays.rays[k] @ change) ** 2 / max(float(change @ change), 1e-300)
+    like = like if np.isfinite(values[k]) else -1.0
+    severity = table.signatures[k].severity * size
     deviation = float(np.linalg.norm(change))
-    return Match(best, severity, deviation, explained, float(excess[k]), k)
-
-
-def alike(change: FloatArray, rays: Rays) -> FloatArray:
-    """Return the share of a change that each signature explains, with its sign, (S,) [1].
-
-    Parameters
-    ----------
-    change : (F,) array
-        Whitened [standard deviations].
-    rays : Rays
-        Whitened signatures.
-    """
-    along = rays.rays @ change
-    return np.asarray(along * np.abs(along) / max(float(change @ change), 1e-300))
+    return Match(best, severity, deviation, like, fits[k][2] / off.size, k)
 
 
 def fits_an_end(found: Match, ended: Match, config: DetectionConfig, *, least: float) -> bool:

@@ -28,8 +28,6 @@ from valve_twin.core.diagnosis.watch.growing import Growing, begins
 from valve_twin.core.diagnosis.watch.straight import Sums, follow
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from valve_twin.core.diagnosis.changes.finding import Finding
     from valve_twin.core.diagnosis.changes.match import Match
     from valve_twin.core.diagnosis.config import DetectionConfig
@@ -166,17 +164,11 @@ class Watch:
         Whitened signatures.
     config : DetectionConfig
         When to speak.
-    compared : sequence of int, optional
-        How many of the newest cycles are compared at a time, 1 = one alone; none = all numbers.
     """
 
-    def __init__(
-        self, rays: Rays, config: DetectionConfig, compared: Sequence[int] | None = None
-    ) -> None:
+    def __init__(self, rays: Rays, config: DetectionConfig) -> None:
         self._config, self._along = config, np.ascontiguousarray(rays.rays.T)
-        every = (1, *range(config.confirm, config.recent + 1))
-        self._compared = every if compared is None else compared
-        self._lengths = tuple(m for m in self._compared if m >= config.confirm)
+        self._lengths = range(config.confirm, config.recent + 1)
         shape = (len(self._lengths), config.recent, len(rays.rays))
         self._squares = np.zeros(shape)  # sums up to each of the newest rows, by row modulo
         self._alone = Alone(config)
@@ -221,22 +213,14 @@ class Watch:
             row = int(end[far[hits[0]]])
             if best is None or (row, -score) < (best[0], -best[1]):
                 best = (row, score, m)
-        alone = -1
-        if 1 in self._compared:
-            alone = self._alone.first(w, seen.past, rays, first=first)
+        alone = self._alone.first(w, seen.past, rays, first=first)
         self._next = last
         if alone >= 0 and (best is None or alone < best[0]):
             return alone, alone
         return None if best is None else (best[0], best[0] - best[2] + 1)
 
 
-def first_alarm(
-    seen: Whitened,
-    config: DetectionConfig,
-    *,
-    first: int,
-    compared: Sequence[int] | None = None,
-) -> Alarm | None:
+def first_alarm(seen: Whitened, config: DetectionConfig, *, first: int) -> Alarm | None:
     """Return the row from `first` on that raises an alarm and that of its onset, None = none.
 
     Parameters
@@ -247,10 +231,8 @@ def first_alarm(
         When to speak.
     first : int
         First row that is judged.
-    compared : sequence of int, optional
-        As `Watch` takes it.
     """
-    return Watch(seen.rays, config, compared).alarm(seen, first)
+    return Watch(seen.rays, config).alarm(seen, first)
 
 
 def _lasts(
@@ -404,10 +386,9 @@ class Seen:
         config, vectors = self._config, self._vectors
         least = max(config.least + config.confirm, self.start + 1, before + 1)
         for end in range(least, min(len(vectors), config.learn + config.recent - 1) + 1):
-            early = _early_alarm(vectors[:end], self._table, config)
-            if early is not None:
-                self.alarm, known = early
-                self._whole = Whitened(vectors, known, self._table, config)
+            self.alarm = _early_alarm(vectors[:end], self._table, config)
+            if self.alarm is not None:
+                self._whole = Whitened(vectors, known_by(end, config), self._table, config)
                 self._young = None
                 return
 
@@ -427,20 +408,8 @@ class Seen:
 @kept
 def _early_alarm(
     vectors: FloatArray, table: SignatureTable, config: DetectionConfig
-) -> tuple[Alarm, int] | None:
-    """Return the alarm that the last of few cycles raises, and of how many the scatter was.
-
-    Where scatter is `early`, that of all cycles before those compared: each one more narrows it.
-    """
+) -> Alarm | None:
+    """Return the alarm that the last of few cycles raises, see `first_alarm`."""
     count = len(vectors)
-    every = (1, *range(config.confirm, config.recent + 1))
-    looks = [(known_by(count, config), every)]
-    if config.early:
-        left = (m for m in every if count - m >= config.least)
-        looks = [(min(count - m, config.learn), (m,)) for m in left]
-    for known, compared in looks:
-        seen = Whitened(vectors, known, table, config)
-        alarm = first_alarm(seen, config, first=count - 1, compared=compared)
-        if alarm is not None:
-            return alarm, known
-    return None
+    seen = Whitened(vectors, known_by(count, config), table, config)
+    return first_alarm(seen, config, first=count - 1)

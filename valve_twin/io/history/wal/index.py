@@ -74,7 +74,7 @@ class IndexWatch:
             with suppress(OSError):
                 status = os.stat(self._path)
                 self._identity, self._size_b = (status.st_dev, status.st_ino), status.st_size
-            if self.is_used():
+            if self.is_used() and not self._is_mapped(""):
                 self._identity = _NONE
 
     def state(self) -> State:
@@ -137,9 +137,12 @@ class IndexWatch:
 
     def is_used(self) -> bool:
         """Return whether another part of this process still uses one that was deleted."""
-        gone = os.fsencode(f" {os.path.realpath(self._path)} (deleted)\n")
+        return self._is_mapped(" (deleted)")
+
+    def _is_mapped(self, what: str) -> bool:
+        name = os.fsencode(f" {os.path.realpath(self._path)}{what}\n")
         with suppress(FileNotFoundError), open("/proc/self/maps", "rb") as maps:
-            return gone in maps.read()
+            return name in maps.read()
         return False
 
     def _least_b(self) -> int:
