@@ -332,7 +332,7 @@ def fill(database: Path, valves: int) -> None:
             history.store(f"{NS}/{valve_names(1)[0]}", cycle_record(cycle), estimates)
     with closing(sqlite3.connect(database)) as copy, copy:
         for i, name in enumerate(valve_names(valves)[1:], start=2):
-            copy.execute("INSERT INTO valve VALUES (?, ?)", (i, f"{NS}/{name}"))
+            copy.execute("INSERT INTO valve (id, name) VALUES (?, ?)", (i, f"{NS}/{name}"))
     engine = sa.create_engine(f"sqlite:///{database}")
     with engine.begin() as copies:
         for table in (history_tables.CYCLE, history_tables.ESTIMATE):

@@ -198,7 +198,7 @@ def test_plain_json_is_retained_and_says_when_nobody_speaks_any_more(
         wait_until(lambda: any(t == topic for t, _, _ in late.raw), "the retained valve")
         kept = {t: (json.loads(p), retained) for t, p, retained in late.raw}
         found, retained = kept[topic]
-        of_nodes = {"last": None, "faults": []}  # of running nodes, on the pages alone
+        of_nodes: dict[str, Any] = {"last": None, "faults": []}  # stand on the pages alone
         assert (found | of_nodes, retained) == (server.json()["/press/worn"], True)
         assert kept[f"{GROUP}/online"] == (True, True)
         assert len([t for t in kept if t.startswith(f"{GROUP}/valves/")]) == 2
