@@ -6,10 +6,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from pathlib import Path
 
     import numpy as np
 
@@ -31,6 +34,34 @@ def framed(head: object, arrays: Iterable[np.ndarray[Any, Any]]) -> bytes:
 def seal(magic: bytes, content: bytes) -> bytes:
     """Return the line that goes before the content of a file of a kind: its check sum."""
     return magic + hashlib.sha256(content).hexdigest().encode() + b"\n"
+
+
+def write_sealed(path: Path, part: Path, magic: bytes, content: bytes) -> None:
+    """Put a sealed file in the place of the one before, at once or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    part : Path
+        Beside it, where it is written first; nothing of it is left.
+    magic : bytes
+        The kind of file.
+    content : bytes
+        All behind the line that seals it.
+
+    Raises
+    ------
+    OSError
+        If the disk does not take it.
+    """
+    try:
+        part.write_bytes(seal(magic, content) + content)
+        os.replace(part, path)
+    except OSError:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)  # on a full disk others need its room
+        raise
 
 
 def unsealed(magic: bytes, whole: bytes) -> tuple[Any, bytes] | None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import cache
 from io import BytesIO
@@ -26,7 +25,7 @@ from valve_twin.core.estimation.cycle.sequence import InForce, memory_from_histo
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Cycle, Frames
 from valve_twin.io.errors import StoreError
-from valve_twin.io.sealed import framed, seal, unsealed
+from valve_twin.io.sealed import framed, seal, unsealed, write_sealed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -107,13 +106,7 @@ def save_snapshot(path: Path, origin: Origin, state: TwinState) -> None:
         "state": _encode(replace(state, memory_after=()), arrays),
     }
     content = framed(head, arrays)
-    part = path.with_name(f".{path.name}.part")
-    try:
-        part.write_bytes(seal(_MAGIC, content) + content)
-        os.replace(part, path)
-    except OSError:
-        part.unlink(missing_ok=True)  # on a full disk the history needs its room
-        raise
+    write_sealed(path, path.with_name(f".{path.name}.part"), _MAGIC, content)
 
 
 def load_snapshot(

@@ -27,7 +27,7 @@ from valve_twin.io.history.tables import (
     row_estimate,
     to_row,
 )
-from valve_twin.io.sealed import seal, unsealed
+from valve_twin.io.sealed import unsealed, write_sealed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,13 +89,7 @@ class UnsavedCycles:
         }
         content = json.dumps(rows, allow_nan=True).encode() + b"\n"
         part = path.with_name(f".{_file_name(valve)}.part")  # one a valve: nothing piles up
-        try:
-            part.write_bytes(seal(_MAGIC, content) + content)
-            os.replace(part, path)
-        except OSError:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
-            raise
+        write_sealed(path, part, _MAGIC, content)
         return path
 
     def waiting(self, valve: str) -> list[Path]:

@@ -52,13 +52,12 @@ def nobody_writes(log: str) -> Iterator[None]:
         if file in _held:
             yield
             return
-        _take(file, _COUNT)
-        _held.add(file)
-        try:
-            yield
-        finally:
-            _held.discard(file)
-            lock_part(file, _WRITE, _COUNT, free=True)
+        with _locked(file, _COUNT):
+            _held.add(file)
+            try:
+                yield
+            finally:
+                _held.discard(file)
 
 
 @contextmanager
@@ -75,13 +74,8 @@ def nobody_uses(log: str) -> Iterator[None]:
     OSError
         If others do not stop, or the index cannot be opened.
     """
-    with _turn:
-        file = keep_open(index_of(log), os.O_RDWR)
-        _take(file, _LOCKS)
-        try:
-            yield
-        finally:
-            lock_part(file, _WRITE, _LOCKS, free=True)
+    with _turn, _locked(keep_open(index_of(log), os.O_RDWR), _LOCKS):
+        yield
 
 
 def others_have(log: str) -> bool:
@@ -93,6 +87,16 @@ def others_have(log: str) -> bool:
         Path of the log, NAME-wal.
     """
     return os.path.exists(index_of(log)) and others_lock(keep_open(index_of(log)), _OPEN)
+
+
+@contextmanager
+def _locked(file: int, count: int) -> Iterator[None]:
+    """Keep so many of SQLite's locks, from `_WRITE` on."""
+    _take(file, count)
+    try:
+        yield
+    finally:
+        lock_part(file, _WRITE, count, free=True)
 
 
 def _take(file: int, count: int) -> None:
