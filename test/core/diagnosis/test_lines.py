@@ -9,7 +9,7 @@ import pytest
 
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.lines import (
-    fit_change,
+    fit_changes,
     rays_of_steps,
     whitened_rays,
 )
@@ -97,8 +97,8 @@ def test_a_fault_that_shows_more_or_less_from_cycle_to_cycle_stays_that_fault():
     rays = whitened_rays(healthy, np.isfinite(healthy), flat, CONFIG)
     index = next(k for k, s in enumerate(flat.signatures) if s.fault == "leak") + 2
     shown = np.array([0.6, 0.8, 1.0, 1.2, 1.4])[:, None] * rays.changes[index]
-    limits = flat.range(index)
-    steady = fit_change(shown, rays, index, 0.0, limits, unlike=0.0)
-    varied = fit_change(shown, rays, index, 0.0, limits, unlike=0.0, varies=0.25)
+    limits = [flat.range(k) for k in range(len(flat.signatures))]
+    steady = fit_changes(shown, rays, 0.0, limits, unlike=0.0)[index]
+    varied = fit_changes(shown, rays, 0.0, limits, unlike=0.0, varies=0.25)[index]
     assert varied[1] == pytest.approx(1.0) == steady[1]  # the mean is what it was
     assert varied[0] > steady[0]

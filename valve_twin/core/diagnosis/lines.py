@@ -211,17 +211,16 @@ def _rays(
     return Rays(white, changes, rays, root @ root.transpose(0, 2, 1))
 
 
-def fit_change(
+def fit_changes(
     off: FloatArray,
     rays: Rays,
-    index: int,
     line: float,
-    limits: tuple[float, float],
+    limits: Sequence[tuple[float, float]],
     *,
     unlike: float,
     varies: float = 0.0,
-) -> tuple[float, float, float]:
-    """Fit a signature to what some cycles show.
+) -> list[tuple[float, float, float]]:
+    """Fit each signature to what some cycles show.
 
     Each cycle scatters by 1, by the line's error and by what the fault adds. What is unlike the
     signature in all cycles alike, since the valve is not the simulated one, is one more error of
@@ -233,12 +232,10 @@ def fit_change(
         Whitened cycles less the line before them [standard deviations].
     rays : Rays
         Whitened signatures.
-    index : int
-        Which of them.
     line : float
         Variance of the line [1].
-    limits : (float, float)
-        Least and greatest size [size of the signature].
+    limits : sequence of (float, float)
+        Least and greatest size of each [size of the signature].
     unlike : float
         Variance of each feature's mean by which the valve is unlike the simulated one [1].
     varies : float
@@ -246,24 +243,37 @@ def fit_change(
 
     Returns
     -------
-    (float, float, float)
-        Twice the log likelihood, the size [size of the signature], and chi-square without what
-        is unlike.
+    list of (float, float, float)
+        Of each: twice the log likelihood, the size [size of the signature], and chi-square
+        without what is unlike.
     """
-    change, count = rays.changes[index], len(off)
-    covariance = (1.0 + line) * np.eye(len(change)) + rays.spread[index]
-    own = covariance / count + unlike * np.eye(len(change))  # of the mean
-    mean = off.mean(axis=0)
-    solved = np.linalg.solve(own, change)
-    size = float(solved @ mean) / max(float(solved @ change), 1e-300)
-    size = min(max(size, limits[0]), limits[1])
-    left, about = mean - size * change, off - mean
-    each = covariance + np.outer(change, change) * (varies * size) ** 2  # the mean has its size
-    within = float(np.sum(about * np.linalg.solve(each, about.T).T))
-    chi2 = within + count * float(left @ np.linalg.solve(covariance, left))
-    value = -within - float(left @ np.linalg.solve(own, left)) - float(np.linalg.slogdet(own)[1])
-    value -= (count - 1) * float(np.linalg.slogdet(each)[1])
-    return value, size, chi2
+    number = len(limits)
+    changes, count, mean = rays.changes[:number], len(off), off.mean(axis=0)
+    one = np.eye(changes.shape[1])
+    covariance = (1.0 + line) * one + rays.spread[:number]
+    own = covariance / count + unlike * one  # of the mean
+    solved = np.linalg.solve(own, changes[:, :, None])[:, :, 0]
+    sizes = [
+        min(max(float(s @ mean) / max(float(s @ c), 1e-300), low), high)
+        for s, c, (low, high) in zip(solved, changes, limits, strict=True)
+    ]
+    size = np.array(sizes)
+    left, about = mean - size[:, None] * changes, off - mean
+    scatter = ((varies * size) ** 2)[:, None, None]  # the mean has its size
+    each = covariance + changes[:, :, None] * changes[:, None, :] * scatter
+    within = [float(np.sum(about * x.T)) for x in np.linalg.solve(each, about.T[None])]
+    plain, wider = (np.linalg.solve(c, left[:, :, None])[:, :, 0] for c in (covariance, own))
+    logs = [np.linalg.slogdet(c)[1].tolist() for c in (own, each)]
+    return [
+        (
+            -w - float(r @ with_own) - log_own - (count - 1) * log_each,
+            s,
+            w + count * float(r @ alone),
+        )
+        for w, r, with_own, log_own, log_each, s, alone in zip(
+            within, left, wider, *logs, sizes, plain, strict=True
+        )
+    ]
 
 
 def _doubt(freedom: int, settled: int) -> float:

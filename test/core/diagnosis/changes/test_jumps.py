@@ -30,3 +30,11 @@ def test_few_cycles_have_made_no_jump_or_one(cycles):
     made = jumps_made(np.arange(cycles)[:, None] ** 2.0, 40)
     assert made.shape == (cycles, 1)
     assert made.sum() == (0.0 if cycles < 7 else pytest.approx(15.0))
+
+
+@pytest.mark.parametrize("window", [1, 2, 7, 40])
+def test_the_largest_is_that_of_the_newest_jumps(window):
+    along = np.random.default_rng(window).standard_normal((90, 2))
+    made, each = jumps_made(along, window), jumps_made(along, 1)
+    for row in range(90):
+        assert np.array_equal(made[row], each[max(row - window + 1, 0) : row + 1].max(axis=0))

@@ -143,6 +143,15 @@ def test_a_cycle_is_judged_once(judged):
     assert sum(rows == 1 for rows in judged) >= 39 * 6
 
 
+def test_no_cycle_long_behind_an_alarm_is_judged(judged):
+    rows, table = drawn(PRESS, 0, 3000), signatures_of(PRESS)
+    assert table is not None
+    rows[300:] += 2.0 * np.array(table.signatures[0].change)
+    found = diagnose(history_of(PRESS, rows), ())
+    assert found.findings[0].onset == 301
+    assert max(judged) < 1000
+
+
 def test_other_values_in_the_same_place_are_judged_anew():
     rows, known = drawn(PRESS, 12), Known()
     before = diagnose(history_of(PRESS, rows), (), known)

@@ -7,7 +7,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -42,6 +41,15 @@ def jumps_made(along: FloatArray, window: int) -> FloatArray:
     total = np.concatenate((np.zeros((1, along.shape[1])), np.cumsum(along, axis=0)))
     before, middle, after = total[last - 2 * BESIDE], total[last - BESIDE], total[last]
     jump = np.abs(after - 2.0 * middle + before) / BESIDE
-    begun = np.concatenate((np.zeros((window - 1, jump.shape[1])), jump))
-    made[last] = sliding_window_view(begun, window, axis=0).max(axis=-1)
+    made[last] = _newest_largest(jump, window)
     return made
+
+
+def _newest_largest(rows: FloatArray, window: int) -> FloatArray:
+    """Return the largest of each of (N, S) rows, none below 0, and up to `window` - 1 before."""
+    found, reach = rows, 1
+    while reach < window:
+        back = min(reach, window - reach, len(rows))
+        found = np.concatenate((found[:back], np.maximum(found[back:], found[:-back])))
+        reach += back
+    return found

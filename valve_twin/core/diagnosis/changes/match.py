@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.lines import fit_change
+from valve_twin.core.diagnosis.lines import fit_changes
 from valve_twin.core.diagnosis.table import BY_NAME
 
 if TYPE_CHECKING:
@@ -60,10 +60,8 @@ def match(
         Variance of what they are compared with [1].
     """
     unlike = config.unlike**2 * float(np.sum(off.mean(axis=0) ** 2)) / off.shape[1]
-    fits = [
-        fit_change(off, rays, k, line, table.range(k), unlike=unlike, varies=config.varies)
-        for k in range(len(table.signatures))
-    ]
+    limits = [table.range(k) for k in range(len(table.signatures))]
+    fits = fit_changes(off, rays, line, limits, unlike=unlike, varies=config.varies)
     best: dict[str, float] = {}
     values = [value if size > _NO_SIZE else -np.inf for value, size, _ in fits]
     for signature, value in zip(table.signatures, values, strict=True):

@@ -41,6 +41,8 @@ what wanders away is no sudden change; and off the mean of few cycles: they are 
 _OF_LARGEST = 0.3
 """Share of the largest deviation that another cycle must show: one outlier is no fault [1]."""
 
+_AT_A_TIME = 256  # rows that are judged together at first, before it is asked for an alarm
+
 View: TypeAlias = "tuple[FloatArray, FloatArray, Rays]"
 """Whitened cycles, the same without outliers, and the whitened signatures."""
 
@@ -184,8 +186,18 @@ class Watch:
         first : int
             First row that may raise one.
         """
-        w, base, rays = seen.view
-        config, last = self._config, len(w)
+        step = _AT_A_TIME
+        while self._next < len(seen):
+            found = self._alarm(seen, first, min(self._next + step, len(seen)))
+            if found is not None:
+                return found
+            step *= 2  # what comes behind an alarm is judged by nobody
+        return None
+
+    def _alarm(self, seen: Whitened, first: int, last: int) -> Alarm | None:
+        """Return that of the rows before `last`."""
+        w, base, rays = (*(rows[:last] for rows in seen.view[:2]), seen.rays)
+        config = self._config
         best: tuple[int, float, int] | None = None
         made: FloatArray | None = None
         least = float(np.sqrt(config.threshold))
