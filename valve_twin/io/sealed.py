@@ -10,6 +10,8 @@ import os
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.io.bags.file import sync_folder
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
@@ -62,6 +64,41 @@ def write_sealed(path: Path, part: Path, magic: bytes, content: bytes) -> None:
         with suppress(OSError):
             part.unlink(missing_ok=True)  # on a full disk others need its room
         raise
+
+
+def flush(paths: Iterable[Path]) -> set[Path]:
+    """Have the disk keep files and their names over a power cut; return which it keeps.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+        The files; one that is gone by now counts as kept.
+    """
+    kept = {path for path in paths if _is_flushed(path)}
+    failed = {folder for folder in {path.parent for path in kept} if not flush_folder(folder)}
+    return {path for path in kept if path.parent not in failed}
+
+
+def flush_folder(folder: Path) -> bool:
+    """Have the disk keep the names in a folder; return whether it does, or the folder is gone."""
+    try:
+        sync_folder(folder, os.fsync)
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
+    return True
+
+
+def _is_flushed(path: Path) -> bool:
+    try:
+        with path.open("rb") as stream:
+            os.fsync(stream.fileno())
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
+    return True
 
 
 def unsealed(magic: bytes, whole: bytes) -> tuple[Any, bytes] | None:

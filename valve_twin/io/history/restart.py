@@ -27,6 +27,7 @@ from valve_twin.core.twin import EFFECT_DELAY, Event, Twin
 from valve_twin.core.valves.registry import get_model, model_module
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.snapshot import Origin, load_snapshot, save_snapshot
+from valve_twin.io.sealed import flush
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -140,6 +141,11 @@ class Restart:
             return None
         begin_s, state = time.monotonic(), self.twin.snapshot()
         return partial(self._save, self._path, self._origin, state, time.monotonic() - begin_s)
+
+    def flush(self) -> None:
+        """Have the disk keep the last snapshot over a power cut."""
+        if self._path is not None:
+            flush([self._path])
 
     @property
     def is_resting(self) -> bool:

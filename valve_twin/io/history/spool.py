@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.job_queue import JobQueue
 from valve_twin.io.history.snapshot import load_cycle, save_cycle
+from valve_twin.io.sealed import flush, flush_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -166,6 +167,12 @@ class CycleSpool(JobQueue):
             size = entry.size
             if entry.cycle is not None and self._put_on_disk(entry):
                 self._budget.used -= size
+
+    def flush(self) -> None:
+        """Have the disk keep over a power cut what stays."""
+        if self._folder is not None and self._stays:
+            flush(self._folder / f"{e.ordinal}.cycle" for e in self._entries if e.is_spooled)
+            flush_folder(self._folder.parent)
 
     def close(self) -> None:
         """Forget everything, also on disk unless it stays."""

@@ -107,7 +107,8 @@ class TwinFaults:
         overdue = f"{pending} cycles wait for their estimation, the last took {jobs.wall_s:.2f} s"
         self._condition("estimation.overdue", overdue if pending > OVERDUE_CYCLES else "")
         error = queue.writer.error
-        waiting = f"{queue.waiting} cycles wait for the database: {error}"
+        kept = f", {queue.flushed} of them flushed to disk" if queue.writer.unsaved else ""
+        waiting = f"{queue.waiting} cycles wait for the database{kept}: {error}"
         self._condition("history.not_stored", waiting if error else "")
         cut = f"%d waits for an estimate were cut off after {jobs.wait.limit_s:g} s"
         for code, total, text in (

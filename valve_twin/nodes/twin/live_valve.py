@@ -199,6 +199,11 @@ class LiveValve:
         if saving is not None:
             saving()
 
+    def flush(self) -> None:
+        """Have the disk keep that over a power cut, too."""
+        self.spool.flush()
+        self._restart.flush()
+
     # -- data path
 
     def work(self, *, force: bool = False) -> None:

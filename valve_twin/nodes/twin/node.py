@@ -34,7 +34,7 @@ from valve_twin.nodes.twin.services import TwinServices
 from valve_twin.nodes.twin.valve_parameters import read_valves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from valve_twin.io.config.valve import ValveConfig
 
@@ -185,9 +185,14 @@ class TwinNode(ValveNode):
         unsaved = 0
         for writer in writers:
             left_s = max(end_s - seconds_now(), 0.05)
-            held = sum(v.spool.held for v in self._valves if v.cycle_queue.writer is writer)
-            save = partial(self._save_last, writer)
-            unsaved += writer.close(left_s, save, save_s=held / KEPT_B_S)
+            own = [v for v in self._valves if v.cycle_queue.writer is writer]
+            held = sum(v.spool.held for v in own)
+            unsaved += writer.close(
+                left_s,
+                partial(_each, LiveValve.save_last, own),
+                partial(_each, LiveValve.flush, own),
+                save_s=held / KEPT_B_S,
+            )
         if self._save_timer is not None:
             self.destroy_timer(self._save_timer)
         if unsaved:
@@ -207,11 +212,6 @@ class TwinNode(ValveNode):
         self._awake.clear()
         self._worker = self._keeper = self._diagnostics = self._save_timer = None
         self._faults = {}
-
-    def _save_last(self, writer: HistoryWriter) -> None:
-        for valve in self._valves:
-            if valve.cycle_queue.writer is writer:
-                valve.save_last()
 
     def _save_next(self) -> None:
         """Save the state of one valve, each in its turn."""
@@ -305,3 +305,8 @@ class TwinNode(ValveNode):
         for name, count in counts.items():
             figures[f"{name} late/duplicate/bad"] = f"{count.late}/{count.duplicate}/{count.bad}"
         return figures
+
+
+def _each(do: Callable[[LiveValve], None], valves: Iterable[LiveValve]) -> None:
+    for valve in valves:
+        do(valve)

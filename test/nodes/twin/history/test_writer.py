@@ -18,7 +18,7 @@ from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import CycleRecord
 from valve_twin.io.history.unsaved import UnsavedCycles
 from valve_twin.nodes.runtime.worker import Outcome
-from valve_twin.nodes.twin.history import writer as module
+from valve_twin.nodes.twin.history import flusher, writer
 from valve_twin.nodes.twin.history.writer import HistoryWriter, QueuedCycle
 
 VALVES = ("/a", "/a/b", "/b")
@@ -117,6 +117,11 @@ class Bench:
         queue.waiting += 1
         self.writer.add(QueuedCycle(queue, CycleRecord(cycle, 0, cycle, 850), (), 0.1))
 
+    def flush(self) -> None:
+        flusher: Any = self.writer._flusher
+        if flusher._thread.jobs:
+            flusher._thread.step()
+
     def step(self) -> None:
         thread: Any = self.writer.write_thread
         if thread.jobs:
@@ -139,6 +144,11 @@ class Bench:
                 return
 
     @property
+    def queued(self) -> list[QueuedCycle]:
+        storing = self.writer._storing
+        return [*self.writer._waiting, *([] if storing is None else [storing])]
+
+    @property
     def in_memory(self) -> int:
         return sum(not queued.is_shed for queued in self.writer._waiting)
 
@@ -149,7 +159,8 @@ class Bench:
 
 @pytest.fixture
 def bench(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "WorkerThread", Turns)
+    for module in (writer, flusher):
+        monkeypatch.setattr(module, "WorkerThread", Turns)
     return partial(Bench, tmp_path / "state")
 
 
@@ -167,6 +178,8 @@ def test_each_cycle_is_stored_once_in_order_and_nothing_is_left_on_disk(seed, be
             one.add(rng.choice(VALVES))
         elif what < 0.8:
             one.step()
+        elif what < 0.83:
+            one.flush()
         elif what < 0.88:
             one.server.is_away = not one.server.is_away
         elif what < 0.9:
@@ -179,6 +192,10 @@ def test_each_cycle_is_stored_once_in_order_and_nothing_is_left_on_disk(seed, be
             one.server.is_away = one.server.is_lost_after_commit = False
             one.start()
         assert one.in_memory <= one.limit
+        for queue in one.queues.values():
+            kept = [q for q in one.queued if q.valve is queue and q.is_flushed]
+            assert queue.flushed == len(kept)
+            assert all(q.file.exists() for q in kept)
     one.settle()
     assert one.end() == one.dropped == 0
     for valve, count in one.cycles.items():
@@ -250,3 +267,39 @@ def test_what_is_damaged_on_disk_is_told_at_the_end_too(bench):
     one.end()
     assert [cycle for _, cycle in one.server.rows] == [1, 3, 4, 5]
     assert [line for line in one.lines if line.startswith("/a: cycle 2 is not stored")]
+
+
+def test_cycles_are_flushed_all_at_once_and_counted_then_only(bench):
+    one = bench(50)
+    one.server.is_away = True
+    for _ in range(5):
+        one.add("/a")
+    one.step()
+    assert one.queues["/a"].flushed == 0
+    assert len(one.writer._flusher._thread.jobs) == 1
+    one.flush()
+    one.step()
+    assert one.queues["/a"].flushed == 5
+    one.settle()
+    assert one.queues["/a"].flushed == 0
+
+
+def test_what_the_disk_does_not_flush_is_written_anew(bench, monkeypatch):
+    one = bench(50)
+    one.server.is_away = True
+    for _ in range(3):
+        one.add("/a")
+    one.step()
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", lambda _: refuse(errno.EIO))
+        one.flush()
+        one.step()
+    assert one.files == []
+    for call in tuple(one.timers):
+        call()
+    one.step()
+    one.flush()
+    one.step()
+    assert one.queues["/a"].flushed == len(one.files) == 3
+    one.settle()
+    assert [cycle for _, cycle in one.server.rows] == [1, 2, 3]

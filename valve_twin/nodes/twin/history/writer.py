@@ -18,29 +18,34 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from valve_twin import __version__
-from valve_twin.io.history.store import CycleTakenError, History, cycle_record
-from valve_twin.io.history.unsaved import UnsavedCycle
+from valve_twin.io.history.store import cycle_record
+from valve_twin.io.history.unsaved import Taken, UnsavedCycle, store_one, store_waiting
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
 from valve_twin.nodes.runtime.worker import WorkerThread
+from valve_twin.nodes.twin.history.flusher import Flusher
 from valve_twin.nodes.twin.inputs import seconds_now
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from valve_twin.core.operation.counters import Counters
     from valve_twin.core.types import Cycle, Estimate
-    from valve_twin.io.history.store import CycleRecord
+    from valve_twin.io.history.store import CycleRecord, History
     from valve_twin.io.history.unsaved import UnsavedCycles
     from valve_twin.nodes.runtime.worker import Outcome
-
-WATCH_S = 5.0
-"""How often the database's file is looked at while nothing is stored [s]."""
 
 Publish = Callable[["QueuedCycle", bool], None]
 """Publish the estimates of a cycle; whether they are stored."""
 
+FLUSH_S = 1.0
+"""Time that is given to the disk at the end [s]."""
 
-@dataclass(slots=True)
+WATCH_S = 5.0
+"""How often the database's file is looked at while nothing is stored [s]."""
+
+
+@dataclass(slots=True, eq=False)
 class QueuedCycle:
     """One cycle on its way to the history.
 
@@ -62,6 +67,8 @@ class QueuedCycle:
         Where it is kept on disk.
     is_shed : bool
         Whether its estimates are there only.
+    is_flushed : bool
+        Whether a power cut leaves that file.
     """
 
     valve: CycleQueue
@@ -72,6 +79,7 @@ class QueuedCycle:
     was_published: bool = False
     file: Path | None = None
     is_shed: bool = False
+    is_flushed: bool = False
 
     def shed(self) -> None:
         """Keep on disk only what is kept there."""
@@ -96,6 +104,8 @@ class CycleQueue:
     ----------
     waiting, stored : int
         Cycles that are not in the history yet, and that were stored [1].
+    flushed : int
+        Of those that wait, the ones that a power cut leaves on disk [1].
     dropped, refused : int
         Cycles that were lost: beyond the limit, and under a number that was taken [1].
     """
@@ -109,7 +119,7 @@ class CycleQueue:
     ) -> None:
         self.writer, self.name = writer, name
         self.publish, self.number_from = publish, number_from
-        self.waiting = self.stored = self.dropped = self.refused = 0
+        self.waiting = self.stored = self.dropped = self.refused = self.flushed = 0
 
     def add(
         self,
@@ -174,6 +184,7 @@ class HistoryWriter:
         self._closed = False
         self.error = ""
         self.since_s = 0.0
+        self._flusher = None if unsaved is None else Flusher(node, unsaved, self._on_flushed)
         self.write_thread = WorkerThread("history")
         self.read_thread = WorkerThread("history reader")
 
@@ -199,24 +210,11 @@ class HistoryWriter:
         StoreError
             If the history refuses it still.
         """
-        files = self.unsaved.waiting(name) if self.unsaved else []
-        lost = 0
-        for file in files:
-            found = self.unsaved.read(name, file) if self.unsaved else None
-            try:
-                if found is not None:
-                    self.history.store(name, *found)
-            except CycleTakenError as err:
-                found = None
-                self._node.get_logger().error(f"{name}: {err}")
-            lost += found is None
-            _unlink(file)
-        if files:
-            text = f"{name}: {len(files) - lost} cycles that waited on disk are stored"
-            lost_text = (
-                f", {lost} could not be read or have a number that is taken" if lost else ""
-            )
-            self._node.get_logger().warning(text + lost_text)
+        left = store_waiting(self.history, self.unsaved, name) if self.unsaved else None
+        for line in left.taken if left else ():
+            self._node.get_logger().error(line)
+        if left and (left.stored or left.lost):
+            self._node.get_logger().warning(f"{name}: {left}")
 
     def add(self, queued: QueuedCycle) -> None:
         """Store a cycle after all earlier ones."""
@@ -231,6 +229,7 @@ class HistoryWriter:
         self,
         timeout_s: float,
         when_stored: Callable[[], None] = lambda: None,
+        when_closed: Callable[[], None] = lambda: None,
         *,
         save_s: float = 0.0,
     ) -> int:
@@ -242,8 +241,10 @@ class HistoryWriter:
             The time [s].
         when_stored : callable
             Called, on the writer's thread, if nothing was lost.
+        when_closed : callable
+            Called there after that and when the history is closed.
         save_s : float
-            Time beside for that [s].
+            Time beside for both [s].
         """
         self._closed = True
         for timer in (self._timer, self._watch):
@@ -257,7 +258,7 @@ class HistoryWriter:
             for queued in rest:
                 if seconds_now() > end_s:
                     return
-                taken = _store(self.history, queued, self.unsaved)
+                taken = self._store(queued)
                 if taken is not None:
                     self._tell_taken(queued, taken)
                 self._waiting.popleft()
@@ -267,10 +268,16 @@ class HistoryWriter:
         self.read_thread.close(0.0)
         self.write_thread.submit(store_rest, lambda _: None)
         self.write_thread.submit(self.history.close, lambda _: None)  # never while it is in use
+        self.write_thread.submit(when_closed, lambda _: None)
         self.write_thread.close(timeout_s + save_s)
         left = tuple(self._waiting)
         for queued in left:
             self._keep(queued)
+        if self._flusher is not None and not self._flusher.close(FLUSH_S):
+            self._node.get_logger().warning(
+                f"{self._flusher.folder}: the disk is slow: a power cut now may cost cycles that "
+                "wait there"
+            )
         return sum(queued.file is None for queued in left)
 
     def _next(self) -> None:
@@ -280,10 +287,20 @@ class HistoryWriter:
         if self._waiting:
             self._storing = queued = self._waiting.popleft()
             self._shed -= queued.is_shed
-            work = partial(_store, self.history, queued, self.unsaved)
+            work = partial(self._store, queued)
             self._submit(work, partial(self._on_stored, queued))
         elif self.error:
             self._check_database()
+
+    def _store(self, queued: QueuedCycle) -> Taken | None:
+        """Store a cycle, on the writer's thread."""
+        cycle = UnsavedCycle(queued.record, queued.estimates, queued.counters)
+        kept = queued.file if queued.is_shed else None
+        stored = store_one(self.history, queued.valve.name, cycle, self.unsaved, kept)
+        if isinstance(stored, Taken):
+            return stored
+        queued.estimates = tuple(stored.estimates)
+        return None
 
     def _check_database(self) -> None:
         """See whether the database's file is still there, without a cycle to store."""
@@ -312,15 +329,16 @@ class HistoryWriter:
             self._recover()
 
     def _on_stored(self, queued: QueuedCycle, outcome: Outcome) -> None:
-        taken: _Taken | None = outcome.result
+        taken: Taken | None = outcome.result
         if outcome.error:
             self._waiting.appendleft(queued)
             self._shed += queued.is_shed
             self._refuse(outcome.error)
             self._drop_excess()
             return
-        _forget(queued)
         queued.valve.waiting -= 1
+        queued.valve.flushed -= queued.is_flushed
+        _forget(queued)
         if taken is not None:
             self._give_up(queued, taken)
         else:
@@ -350,14 +368,14 @@ class HistoryWriter:
             self.error = ""
             self._node.get_logger().info("all cycles are stored again")
 
-    def _give_up(self, queued: QueuedCycle, taken: _Taken) -> None:
+    def _give_up(self, queued: QueuedCycle, taken: Taken) -> None:
         """Go on without a cycle whose number another one has."""
         queued.valve.refused += 1
         self._publish_unstored(queued)
         queued.valve.number_from(taken.last_cycle)
         self._tell_taken(queued, taken)
 
-    def _tell_taken(self, queued: QueuedCycle, taken: _Taken) -> None:
+    def _tell_taken(self, queued: QueuedCycle, taken: Taken) -> None:
         self._node.get_logger().error(
             f"{queued.valve.name}: cycle {queued.record.cycle} is not stored: {taken.error}"
         )
@@ -387,7 +405,20 @@ class HistoryWriter:
             if self._unkept != str(err.strerror):
                 self._node.get_logger().error(f"not kept on disk: {err}")
             self._unkept = str(err.strerror)
+        else:
+            assert self._flusher is not None
+            self._flusher.add(queued, queued.file)
         return queued.file is not None
+
+    def _on_flushed(self, flushed: Iterable[tuple[QueuedCycle, bool]]) -> None:
+        """Count what a power cut leaves; write anew what the disk lost."""
+        for queued, is_flushed in flushed:
+            if queued.file is None:  # stored meanwhile
+                continue
+            queued.is_flushed = is_flushed
+            queued.valve.flushed += is_flushed
+            if not (is_flushed or queued.is_shed):
+                _forget(queued)
 
     def _drop(self, queued: QueuedCycle) -> None:
         queued.valve.waiting -= 1
@@ -406,41 +437,13 @@ class HistoryWriter:
             queued.valve.publish(queued, False)
 
 
-@dataclass(frozen=True, slots=True)
-class _Taken:
-    error: str
-    last_cycle: int
-
-
 def _forget(queued: QueuedCycle) -> None:
     """Let go of what is kept on disk of a cycle."""
     if queued.file is not None:
         _unlink(queued.file)
+    queued.file, queued.is_flushed = None, False
 
 
 def _unlink(file: Path) -> None:
     with suppress(OSError):  # it is stored once more at the next start, which does nothing
         file.unlink(missing_ok=True)
-
-
-def _store(history: History, queued: QueuedCycle, unsaved: UnsavedCycles | None) -> _Taken | None:
-    """Store a cycle on the writer's thread.
-
-    Raises
-    ------
-    StoreError
-        If it is worth trying again.
-    """
-    cycle = UnsavedCycle(queued.record, queued.estimates, queued.counters)
-    if queued.is_shed and unsaved is not None and queued.file is not None:
-        found = unsaved.read(queued.valve.name, queued.file)
-        if found is None:
-            text = f"{queued.file}: it is damaged or gone"
-            return _Taken(text, history.last_cycle(queued.valve.name))
-        cycle = found
-    try:
-        history.store(queued.valve.name, *cycle)
-        queued.estimates = tuple(cycle.estimates)
-    except CycleTakenError as err:
-        return _Taken(str(err), history.last_cycle(queued.valve.name))
-    return None
