@@ -23,7 +23,7 @@ from valve_twin.io.history.fleet import (
     ranked,
 )
 from valve_twin.io.history.store import DamagedValueError, History
-from valve_twin.io.history.valves.names import damaged_keys
+from valve_twin.io.history.valves.names import DAMAGED_NAME, damaged_keys
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -344,7 +344,7 @@ class Plant:
             history = self._opened()
             marks = history.marks()
             nameless = [
-                FleetRow(f"/name_damaged_{key}", evidence=DAMAGED)
+                FleetRow(f"{DAMAGED_NAME}{key}", evidence=DAMAGED)
                 for key in damaged_keys(history.select)
             ]
             known.update((n, self._states[n]) for n in marks if n in self._states)

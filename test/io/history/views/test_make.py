@@ -23,7 +23,8 @@ from valve_twin.core.types import EstimateStatus, Maintenance, ParameterStatus, 
 from valve_twin.io.history.check_sums import sealed
 from valve_twin.io.history.store import History
 from valve_twin.io.history.tables import CONDENSATE, to_row
-from valve_twin.io.history.views.make import SCHEMA, VIEWS
+from valve_twin.io.history.valves.names import digest_of
+from valve_twin.io.history.views.make import SCHEMA, VIEWS, _digest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -198,6 +199,29 @@ def test_every_query_of_the_dashboard_gives_rows_to_the_reader(database, root: P
     assert [r["parameter"] for r in rows(database, asked["parameter"])] == ["K_in", "leak"]
     used = {n for t in targets for n in re.findall(r"\${(\w+):", t["rawSql"])}
     assert used == set(asked)
+
+
+@pytest.mark.parametrize("name", VIEWS)
+def test_a_damaged_name_shows_as_no_valve(name, database):
+    """One byte of a name, also where it becomes that of no other valve."""
+    change = (
+        "UPDATE valve SET name = overlay(name placing '2' from length(name)) WHERE name = '{}'"
+    )
+    read = sa.text(f"SELECT DISTINCT valve FROM {SCHEMA}.{name}")
+    with database.connect() as connection:
+        assert set(connection.scalars(read)) == set(VALVES)
+        connection.exec_driver_sql(change.format(VALVES[0]))
+        key = connection.scalar(sa.text("SELECT id FROM valve WHERE name = '/press/valve_2'"))
+        assert set(connection.scalars(read)) == {f"/name_damaged_{key}", VALVES[1]}
+        connection.rollback()
+
+
+def test_names_are_digested_as_the_history_does(database):
+    names = ["/a", "/Ä/ölventil", "/阀门", "/x" * 300, *(f"/v{i}" for i in range(200))]
+    with database.connect() as connection:
+        for name in names:
+            query = sa.text(f"SELECT {_digest('CAST(:n AS text)')}")
+            assert connection.scalar(query, {"n": name}) == digest_of(name)
 
 
 def test_a_role_that_is_not_there_and_a_file_are_told_in_one_line(server, tmp_path, capsys):

@@ -26,20 +26,25 @@ if TYPE_CHECKING:
 
 _LOGGER = logging.getLogger("valve_twin")
 _SUM = VALVE.c[CHECK_SUM]
-_UNSEALED = 0
+UNSEALED = 0
 """Of a name that a twin of a version before its check sum stored after the upgrade: believed."""
 
 _ROWS = sa.select(VALVE.c.id, VALVE.c.name, _SUM)
-_DIGEST_BITS = 62
+DIGEST_BITS = 62
+"""So many bits of a SHA-256, the first ones, go into the digest of a name."""
+
+DAMAGED_NAME = "/name_damaged_"
+"""What is shown, before its key, for a valve whose name is damaged."""
+
 _MOST_TOLD = 10_000
 _told: set[str] = set()
 
 
 @lru_cache(maxsize=10_000)
-def _digest(name: str) -> int:
+def digest_of(name: str) -> int:
     """Return a number below 2^62, in which no two valves of a history meet."""
     found = sha256(name.encode("utf-8", "surrogateescape")).digest()
-    return int.from_bytes(found[:8], "big") >> (64 - _DIGEST_BITS)
+    return int.from_bytes(found[:8], "big") >> (64 - DIGEST_BITS)
 
 
 def own_key(valve: str) -> sa.ColumnElement[Any]:
@@ -50,9 +55,9 @@ def own_key(valve: str) -> sa.ColumnElement[Any]:
     valve : str
         Its name.
     """
-    sum_ = VALVE.c.id + _digest(valve)
+    sum_ = VALVE.c.id + digest_of(valve)
     named = VALVE.c.name == valve
-    found = sa.select(VALVE.c.id).where(named, _SUM.in_((_UNSEALED, sum_))).scalar_subquery()
+    found = sa.select(VALVE.c.id).where(named, _SUM.in_((UNSEALED, sum_))).scalar_subquery()
     proven = sa.select(sa.func.min(VALVE.c.id)).where(sum_ == _SUM).scalar_subquery()
     return sa.func.coalesce(found, proven)
 
@@ -102,10 +107,10 @@ def seal_names(connection: Connection) -> None:
     connection : Connection
         With an open write transaction.
     """
-    rows = connection.execute(sa.select(VALVE.c.id, VALVE.c.name).where(_SUM == _UNSEALED)).all()
+    rows = connection.execute(sa.select(VALVE.c.id, VALVE.c.name).where(_SUM == UNSEALED)).all()
     for key, name in rows:
         change = VALVE.update().where(VALVE.c.id == key)
-        connection.execute(change.values({CHECK_SUM: key + _digest(name)}))
+        connection.execute(change.values({CHECK_SUM: key + digest_of(name)}))
 
 
 def sound_names(connection: Connection, where: str) -> dict[int, str]:
@@ -138,7 +143,7 @@ def damaged_keys(
 
 
 def _is_sound(key: int, name: str, sum_: int) -> bool:
-    return sum_ in {_UNSEALED, key + _digest(name)}
+    return sum_ in {UNSEALED, key + digest_of(name)}
 
 
 def tell_once(line: str) -> None:

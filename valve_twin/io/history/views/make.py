@@ -17,6 +17,7 @@ from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.records import columns
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.history.valves.names import DAMAGED_NAME, DIGEST_BITS, UNSEALED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -36,6 +37,12 @@ def _time(column: str) -> str:
     return f"to_timestamp(nullif({column}, 0) / 1e9)"
 
 
+def _digest(column: str) -> str:
+    """Return the digest of a name, as `digest_of` computes it, in SQL."""
+    bits = f"('x' || left(encode(sha256(convert_to({column}, 'UTF8')), 'hex'), 16))::bit(64)"
+    return f"(({bits} >> {64 - DIGEST_BITS})::bigint)"
+
+
 def _words(column: str, kinds: Iterable[IntEnum]) -> str:
     cases = " ".join(f"WHEN {int(k)} THEN '{k.name.lower().replace('_', ' ')}'" for k in kinds)
     return f"CASE {column} {cases} END"
@@ -51,46 +58,50 @@ def _numbers() -> str:
     )
 
 
+_NAMES = f"""(SELECT id, CASE WHEN check_sum IN ({UNSEALED}, id + {_digest("name")})
+            THEN name ELSE '{DAMAGED_NAME}' || id END AS name FROM valve OFFSET 0)"""
+"""The valves, each digest computed once (OFFSET keeps the planner from doing it for each row)."""
+
 VIEWS = {
     "cycles": f"""
         SELECT v.name AS valve, {_time("c.end_ns")} AS time, c.cycle,
             (c.end_ns - c.start_ns) / 1e9::float8 AS length_s, c.samples, c.lost, c.missed_cycles,
             c.accepted, c.reason
-        FROM cycle c JOIN valve v ON v.id = c.valve_id""",
+        FROM cycle c JOIN {_NAMES} v ON v.id = c.valve_id""",
     "estimates": f"""
         SELECT v.name AS valve, {_time("e.end_ns")} AS time, e.cycle, e.model, e.estimator,
             {_words("e.status", EstimateStatus)} AS status, e.reason, e.reason_code,
             e.fit_test, e.fit_train, sqrt(e.mse_test) AS residual, e.noise_sigma,
             e.condition_number, e.lag, e.samples_used, e.used_by_trend
-        FROM estimate e JOIN valve v ON v.id = e.valve_id""",
+        FROM estimate e JOIN {_NAMES} v ON v.id = e.valve_id""",
     "parameters": f"""
         SELECT v.name AS valve, {_time("e.end_ns")} AS time, e.cycle, e.estimator,
             e.used_by_trend, n.name AS parameter, {_numbers()},
             {_words("(p.text -> 'status' ->> (n.i - 1)::int)::int", ParameterStatus)} AS status,
             p.text -> 'reasons' ->> (n.i - 1)::int AS reason
-        FROM estimate e JOIN valve v ON v.id = e.valve_id
+        FROM estimate e JOIN {_NAMES} v ON v.id = e.valve_id
             CROSS JOIN LATERAL (SELECT e.parameters::jsonb AS text) p
             CROSS JOIN LATERAL jsonb_array_elements_text(p.text -> 'names')
                 WITH ORDINALITY AS n (name, i)""",
     "verdicts": f"""
         SELECT v.name AS valve, {_time("w.stamp_ns")} AS time, w.cycle,
             {_words("w.verdict", VerdictKind)} AS verdict, w.verdict AS number, w.evidence, w.fault
-        FROM verdict w JOIN valve v ON v.id = w.valve_id""",
+        FROM verdict w JOIN {_NAMES} v ON v.id = w.valve_id""",
     "events": f"""
         SELECT v.name AS valve, {_time("e.stamp_ns")} AS time, e.id, e.cycle, e.code, e.status,
             e.text, NOT e.acknowledged AND e.status <> '{Ne107.GOOD.value}' AS is_open,
             e.acknowledged_by, e.acknowledged_note,
             {_time("e.acknowledged_at_ns")} AS acknowledged_at
-        FROM event e JOIN valve v ON v.id = e.valve_id""",
+        FROM event e JOIN {_NAMES} v ON v.id = e.valve_id""",
     "maintenance": f"""
         SELECT v.name AS valve, {_time("m.stamp_ns")} AS time, m.cycle, m.note, m.new_reference,
             m.withdrawn, m.withdrawn_note
-        FROM maintenance m JOIN valve v ON v.id = m.valve_id""",
+        FROM maintenance m JOIN {_NAMES} v ON v.id = m.valve_id""",
     "condensates": f"""
         SELECT v.name AS valve, {_time("c.start_ns")} AS time, c.span_s, c.cycle, c.last_cycle,
             nullif(c.estimator, '') AS estimator, c.parameter, c.count, c.usable, c.minimum,
             c.maximum, c.mean, c.quantile_05, c.quantile_25, c.median, c.quantile_75, c.quantile_95
-        FROM condensate c JOIN valve v ON v.id = c.valve_id""",
+        FROM condensate c JOIN {_NAMES} v ON v.id = c.valve_id""",
     "counters": f"""
         SELECT v.name AS valve, {_time("c.end_ns")} AS time, {_time("c.since_ns")} AS since,
             c.cycle, c.cycles, c.reversals + (c.direction <> 0)::int AS movements, c.reversals,
@@ -99,7 +110,7 @@ VIEWS = {
             c.open_ns / {_HOUR_NS}::float8 AS hours_open,
             c.closed_ns / {_HOUR_NS}::float8 AS hours_closed,
             c.near_ns / {_HOUR_NS}::float8 AS hours_near_closed
-        FROM counters c JOIN valve v ON v.id = c.valve_id
+        FROM counters c JOIN {_NAMES} v ON v.id = c.valve_id
             CROSS JOIN LATERAL (SELECT c.done + CASE WHEN c.direction <> 0
                 THEN abs(c.level - c.begin) ELSE 0 END AS travel) t""",
 }
