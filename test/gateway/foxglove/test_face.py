@@ -60,6 +60,7 @@ class Viewer:
             subprotocols=[Subprotocol("foxglove.sdk.v1")],
             max_size=None,
             ping_interval=None,  # no thread that complains when the server has gone
+            close_timeout=0.2,  # behind messages that nobody read, the answer is not seen
         )
         VIEWERS.append(self)
         self.info = json.loads(self.socket.recv(LIMIT_S))

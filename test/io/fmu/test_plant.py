@@ -2,6 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """An FMU as the plant of a simulated valve, through `simulate` and `estimate`; bad ones."""
 
+import gc
 import os
 import shutil
 import subprocess
@@ -21,6 +22,7 @@ from valve_twin.gateway.fmu.valve import valve_of
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.fmu.plant import simulation_for
+from valve_twin.io.fmu.unit import Unit
 from valve_twin.io.limits import VARIABLE
 from valve_twin.io.offline.run import run_bag
 from valve_twin.io.offline.simulated_bag import simulation_of, write_simulated_bag
@@ -91,6 +93,20 @@ def test_two_valves_of_one_fmu_share_nothing(fmus):
     parts = [other.advance(150).position]
     one.advance(100)
     assert np.array_equal(np.concatenate([*parts, other.advance(150).position]), first)
+
+
+@both
+def test_an_fmu_speaks_for_itself_also_after_another_one_has_ended(fmus, version):
+    """FMPy's proxy knows one logger: that of the one that ended was called, and all died."""
+    unit = Unit(fmus / f"v{version}.fmu")
+    (constant,) = (v for v in unit.parameters if v.name == "time_constant")
+    one, other, ended = (unit.start({}) for _ in range(3))
+    del ended
+    gc.collect()
+    one.set([constant.reference], [-1.0], 1.0)
+    other.set([constant.reference], [-2.0], 2.0)
+    assert "fails at 1 s: time_constant = -1: must lie" in one.failure
+    assert "fails at 2 s: time_constant = -2: must lie" in other.failure
 
 
 def test_stuck_and_lost_commands_act_and_what_an_fmu_cannot_do_is_told(fmus):

@@ -13,6 +13,7 @@ from collections import deque
 from contextlib import suppress
 from ctypes import byref
 from dataclasses import dataclass
+from functools import cache
 from keyword import iskeyword
 from pathlib import Path
 from shutil import rmtree
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 KEY = "simulation.fmu"
 _REAL = ("Real", "Float64")
+_SAID: weakref.WeakValueDictionary[int, deque[str]] = weakref.WeakValueDictionary()
+"""What each running instance of FMI 2.0 said last, by its environment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,19 +299,39 @@ class Instance:
 
 def _instance_2(arguments: Mapping[str, str], said: deque[str]) -> Any:  # noqa: ANN401  FMPy has no types
     from fmpy import fmi2
-    from fmpy.logging import addLoggerProxy
-
-    def log(*given: Any) -> None:  # noqa: ANN401  likewise
-        said.append((given[-1] or b"").decode("utf-8", "replace"))
 
     callbacks = fmi2.fmi2CallbackFunctions()
-    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(log)
-    callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
-    callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
-    addLoggerProxy(byref(callbacks))  # it puts the text together
+    callbacks.logger = _spoken_2().logger
+    callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+    callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+    callbacks.componentEnvironment = id(said)
+    _SAID[id(said)] = said
     slave = fmi2.FMU2Slave(**arguments)
     slave.instantiate(callbacks=callbacks)
     return slave
+
+
+@cache
+def _spoken_2() -> Any:  # noqa: ANN401  likewise
+    """Return callbacks whose logger serves all FMUs of this process.
+
+    FMPy's proxy, which puts the texts together, knows one logger: the last that it was given. Of
+    one an instance, that of an ended instance was called for another one, and the process died.
+    """
+    from fmpy import fmi2
+    from fmpy.logging import addLoggerProxy
+
+    def log(environment: int | None, *given: Any) -> None:  # noqa: ANN401  likewise
+        text = (given[-1] or b"").decode("utf-8", "replace")
+        # whoever does not say for which instance it speaks may speak for any
+        for said in [_SAID.get(environment)] if environment else list(_SAID.values()):
+            if said is not None:
+                said.append(text)
+
+    callbacks = fmi2.fmi2CallbackFunctions()
+    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(log)
+    addLoggerProxy(byref(callbacks))
+    return callbacks
 
 
 def _instance_3(arguments: Mapping[str, str], said: deque[str]) -> Any:  # noqa: ANN401  FMPy has no types
