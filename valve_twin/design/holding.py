@@ -11,6 +11,7 @@ import numpy as np
 
 from valve_twin.core.quantity import describe, suggest
 from valve_twin.design.field import make_model, solve_field
+from valve_twin.design.field.tangent import Tangent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -126,8 +127,9 @@ def holding_forces(
         If the parts do not fit, or no field is found.
     """
     model, start, found = make_model(replace(pole, gap=gap).section(), fine), None, []
+    tangent = Tangent(model)
     for current in turns:
-        field = solve_field(model, [current], start=start)
+        field = solve_field(model, [current], start=start, tangent=tangent)
         start = field.potential
         found.append(-field.force)
     return np.array(found)

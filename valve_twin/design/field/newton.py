@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from valve_twin.design.field.kernel import assemble
+from valve_twin.design.field.tangent import Tangent
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
-    from scipy.sparse.linalg import SuperLU
 
     from valve_twin.core.types import FloatArray
     from valve_twin.design.field.model import FieldModel
@@ -27,6 +27,7 @@ _CLOSE = 1e-12  # Newton's decrement over the energy before the last step [1]
 _LEAST_ENERGY = 1e-18  # below which there is no field [J]
 _ENOUGH = 1e-4  # of the promised descent that a step has to give [1]
 _HALVINGS = 25
+_SOLVED = 1e-4  # error of a step that its linear equations leave, over the step [1]
 
 
 class Eddy(NamedTuple):
@@ -51,11 +52,11 @@ class Eddy(NamedTuple):
 
 
 class Minimum(NamedTuple):
-    """What was found: potential (N,) [Wb/m], energy of the field [J], factors, Newton steps."""
+    """What was found: potential (N,) [Wb/m], energy of the field [J], tangent, Newton steps."""
 
     potential: FloatArray
     energy: float
-    factors: SuperLU
+    tangent: Tangent
     steps: int
 
 
@@ -65,6 +66,7 @@ def minimise(
     start: FloatArray,
     source: FloatArray,
     eddy: Eddy | None = None,
+    tangent: Tangent | None = None,
 ) -> Minimum:
     """Return the potential of least energy.
 
@@ -80,12 +82,15 @@ def minimise(
         Currents times flux linkages over the unknowns [A m].
     eddy : Eddy, optional
         A step in time; default a static field.
+    tangent : Tangent, optional
+        Of a field near, whose factors may serve; goes on to those of this one.
 
     Raises
     ------
     ValueError
         If no minimum is found.
     """
+    tangent = tangent or Tangent(model)
     state = _State(model, points, source, eddy)
     free = model.place >= 0
     order = model.place[free]
@@ -93,15 +98,15 @@ def minimise(
     for steps in range(1, _MOST_STEPS + 1):
         slope = np.empty(model.unknowns)
         slope[order] = state.slope[free]
-        factors = factorised(model, state.matrix)
+        tangent.take(state.matrix)
         step = np.zeros(len(a))
-        step[free] = factors.solve(slope)[order]
+        step[free] = tangent.solve(slope, _SOLVED)[order]
         promised = float(step[free] @ state.slope[free])
         if promised <= _CLOSE * abs(state.energy) + _LEAST_ENERGY:
             # along the last step the sum is a parabola to all digits: no further assembly
             a = a - step
             energy = value - 0.5 * promised + float(source @ a) - state.eddy_part(a)
-            return Minimum(a, energy, factors, steps)
+            return Minimum(a, energy, tangent, steps)
         a, value = state.along(a, step, value, promised)
     message = f"no field found in {_MOST_STEPS} steps; check the magnetisation curves"
     raise ValueError(message)
@@ -148,27 +153,3 @@ class _State:
                 break
             share *= 0.5
         return tried, value
-
-
-def factorised(model: FieldModel, matrix: FloatArray) -> SuperLU:
-    """Return the factors of a tangent in the order of elimination.
-
-    Parameters
-    ----------
-    model : FieldModel
-        Has the pattern.
-    matrix : (M,) array
-        Entries, as `assemble` writes them [A m^2/Wb].
-    """
-    from scipy.sparse import csc_array
-    from scipy.sparse.linalg import splu
-
-    tangent = csc_array((matrix, model.rows, model.columns), shape=(model.unknowns,) * 2)
-    # small supernodes: four times faster here than the default
-    return splu(
-        tangent,
-        permc_spec="NATURAL",
-        diag_pivot_thresh=0.0,
-        relax=1,
-        options={"SymmetricMode": True},
-    )

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import FloatArray
     from valve_twin.design.field.model import FieldModel
+    from valve_twin.design.field.tangent import Tangent
+
+_SOLVED = 1e-7  # to which slopes over the currents are solved [1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,7 @@ def solve_field(
     currents: Sequence[float] | FloatArray,
     position: float = 0.0,
     start: FloatArray | None = None,
+    tangent: Tangent | None = None,
 ) -> Field:
     """Return the field at given currents and position.
 
@@ -82,6 +86,8 @@ def solve_field(
         Of the armature [m].
     start : (N,) array, optional
         Vector potential near the solution [Wb/m]; default 0.
+    tangent : Tangent, optional
+        Of a field near, whose factors may serve; goes on to those of this one.
 
     Raises
     ------
@@ -96,7 +102,7 @@ def solve_field(
     points = model.moved(position)
     a = np.zeros(model.coils.shape[1]) if start is None else start
     try:
-        found = minimise(model, points, a, i @ model.coils)
+        found = minimise(model, points, a, i @ model.coils, tangent=tangent)
     except ValueError as err:
         message = f"currents = {i.tolist()} A, position = {position:g} m: {err}"
         raise ValueError(message) from err
@@ -105,7 +111,9 @@ def solve_field(
     flux = model.coils @ a
     rows = np.zeros((len(i), model.unknowns))
     rows[:, order] = model.coils[:, free]
-    answers = found.factors.solve(rows.T) if len(i) else np.zeros((model.unknowns, 0))
+    answers = np.zeros((model.unknowns, len(i)))
+    for k, row in enumerate(rows):
+        answers[:, k] = found.tangent.solve(row, _SOLVED)
     slopes = np.zeros((len(i), len(a)))
     slopes[:, free] = answers[order].T
     force, force_over_a = force_of(model, points, a)

@@ -18,6 +18,7 @@ import numpy as np
 from valve_twin.design.field.newton import Eddy, minimise
 from valve_twin.design.field.shapes import shapes_at
 from valve_twin.design.field.solve import force_of, solve_field
+from valve_twin.design.field.tangent import Tangent
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
@@ -97,6 +98,7 @@ def run_transient(
     energy, joule = np.empty(count), np.zeros(count)
     flux[0], force[0], energy[0] = start.flux, start.force, start.energy
     older, old = start.potential, start.potential
+    tangent = Tangent(model)
     for k in range(1, count):
         step = float(time_s[k] - time_s[k - 1])
         second = method == "bdf2" and k > 1
@@ -104,7 +106,8 @@ def run_transient(
         before = (4.0 * old - older) / 3.0 if second else old
         points = model.moved(float(x[k]))
         eddy = Eddy(mass, entries, rate, before)
-        found = minimise(model, points, 2.0 * old - older, currents[k] @ model.coils, eddy)
+        source = currents[k] @ model.coils
+        found = minimise(model, points, 2.0 * old - older, source, eddy, tangent)
         change = rate * (found.potential - before)
         joule[k] = float(change @ (mass @ change))
         flux[k], energy[k] = model.coils @ found.potential, found.energy
@@ -127,11 +130,12 @@ def static_force(model: FieldModel, currents: FloatArray, position: FloatArray) 
     """
     found = np.empty(len(position))
     near: Field | None = None
+    tangent = Tangent(model)
     for k, (i, x) in enumerate(zip(currents, position, strict=True)):
         start = (
             None if near is None else near.potential + (i - near.currents) @ near.potential_slope
         )
-        near = solve_field(model, i, float(x), start)
+        near = solve_field(model, i, float(x), start, tangent)
         found[k] = near.force
     return found
 

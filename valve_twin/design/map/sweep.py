@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.design.field.solve import solve_field
+from valve_twin.design.field.tangent import Tangent
 from valve_twin.design.geometry.section import mirrored
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def sweep_fields(
     shape = (len(currents),) * coils + (len(positions),)
     out = Sweep(currents, positions, np.zeros(shape), np.zeros(shape), np.zeros((coils, *shape)),
                 np.zeros((coils, *shape)), np.zeros((coils, coils, *shape)), 0, 0)  # fmt: skip
-    solved = steps = 0
+    solved, steps, tangent = 0, 0, Tangent(model)
     last = len(positions) - 1
     for k in np.argsort(np.abs(positions), kind="stable").tolist():
         if mirror and k < last - k:
@@ -101,7 +102,8 @@ def sweep_fields(
             if mirror and 2 * k == last and at[1] > at[0]:
                 continue
             wanted = currents[list(at)]
-            field = solve_field(model, wanted, float(positions[k]), _start(row, at, wanted))
+            start = _start(row, at, wanted)
+            field = solve_field(model, wanted, float(positions[k]), start, tangent)
             row[at] = field
             solved, steps = solved + 1, steps + field.steps
             _keep(out, (*at, k), field, (0, 1)[:coils], 1.0)
