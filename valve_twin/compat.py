@@ -81,9 +81,10 @@ def take_waiting(subscription: Any, most: int) -> list[bytes]:
         At most so many are taken [1].
     """
     found: list[bytes] = []
-    with subscription.handle:
+    handle, kind = subscription.handle, subscription.msg_type
+    with handle:
         while len(found) < most:
-            taken = subscription.handle.take_message(subscription.msg_type, True)
+            taken = handle.take_message(kind, True)
             if taken is None:
                 break
             found.append(taken[0])

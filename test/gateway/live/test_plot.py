@@ -57,7 +57,7 @@ def test_every_point_lies_on_the_curve_and_none_is_missing(rate_hz):
     feed(plot, rate_hz, 8.0)
     found = points(plot.all(), "measured")
     t = found[:, 0] / UNITS_A_SECOND
-    lower, upper = plot._ranges["position"]
+    lower, upper = plot._ranges[0]
     share = upper - (found[:, 1] - POSITION.top) / POSITION.height * (upper - lower)
     assert np.allclose(share, 0.5 + 0.4 * np.sin(2.0 * t), atol=2.0 * BIN_S * 0.8 + 0.003)
     assert np.diff(t).max() <= 1.0 / rate_hz + 2 * BIN_S
@@ -126,6 +126,29 @@ def test_a_command_holds_until_the_next_one():
     assert ((steps[:, 0] < 0.2) | (steps[:, 1] < 0.2)).all()  # up, or along
 
 
+def test_of_a_command_that_holds_only_both_ends_are_drawn():
+    plot = LivePlot()
+    t = np.arange(0.0, 2.0, 0.03)
+    plot.add(stamps(t), {"measured": t / 2.0})
+    plot.add(stamps(t), {"s0": np.where(t < 1.0, 0.0, 1.0)})
+    plot.draw()
+    found = points(plot.all(), "s0")
+    assert len(found) == 4
+    assert np.ptp(found[:2, 1]) == np.ptp(found[2:, 1]) == 0.0
+
+
+def test_an_axis_that_an_outlier_widened_is_narrowed_once_it_has_gone():
+    plot = LivePlot()
+    t = np.arange(0.0, 0.2, 0.01)
+    plot.add(stamps(t), {"measured": np.full(len(t), 50.0)})
+    plot.draw()
+    assert plot._ranges[0][1] > 50.0
+    for k in range(1, 70):
+        plot.add(stamps(t + 0.2 * k), {"measured": np.full(len(t), 0.5)})
+        plot.draw()
+    assert plot._ranges[0][1] < 1.2
+
+
 def test_the_band_is_twice_the_expected_deviation():
     plot = LivePlot()
     t = np.arange(0.0, 2.0, 0.01)
@@ -133,7 +156,7 @@ def test_the_band_is_twice_the_expected_deviation():
     plot.draw()
     (whole,) = plot.all()
     high, low = map(float, re.findall(r"M0 ([\d.]+)H[\d.]+V([\d.]+)", whole["d"]["expected"])[0])
-    lower, upper = plot._ranges["residual"]
+    lower, upper = plot._ranges[1]
     assert low - high == pytest.approx(0.008 / (upper - lower) * STRIPS[1].height, abs=0.2)
 
 
@@ -158,7 +181,7 @@ def test_commands_that_come_without_predictions_do_not_pile_up():
         t = stamps(look + np.arange(0.0, 1.0, 1e-3))
         plot.add(t, {"s0": np.ones(len(t))})
         plot.draw()
-    assert sum(len(t) for t, _ in plot._waiting["s0"]) <= MOST_WAITING
+    assert sum(len(t) for t, _ in plot._waiting[("s0",)]) <= MOST_WAITING
 
 
 def test_what_nobody_looked_at_is_a_gap_and_no_line():

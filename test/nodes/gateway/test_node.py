@@ -191,6 +191,12 @@ def test_a_gateway_that_is_killed_is_told_too(gateway, twin, browser):
     browser.wait_for("!document.querySelector('#gone').hidden")
 
 
+def _participant(graph, topic: str) -> bytes:
+    """Return whose the one reader of a topic is: the first part of its GUID (RTPS 9.3.1.5)."""
+    (found,) = graph.node.get_subscriptions_info_by_topic(topic)
+    return bytes(found.endpoint_gid[:12])
+
+
 def test_nobody_who_looks_costs_nothing_and_twenty_cost_little(graph, gateway):
     address, made = gateway
     twin = FakeTwin(graph.domain, 1000.0)
@@ -211,6 +217,8 @@ def test_nobody_who_looks_costs_nothing_and_twenty_cost_little(graph, gateway):
         for thread in threads:
             thread.start()
         graph.spin_until(lambda: min(got) > 10, what="all viewers")
+        participants = {_participant(graph, t) for t in (topic, f"{NS}/aging_monitor/verdict")}
+        assert len(participants) == 2  # no prediction is offered to readers of states
         shares = []
         for _ in range(5):
             before, begun = cpu_s(made.pid), time.monotonic()

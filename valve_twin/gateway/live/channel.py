@@ -172,8 +172,11 @@ def shown(value: float) -> str:
     return fixed(value, 5) if math.isfinite(value) else NONE
 
 
+_ENCODER = json.JSONEncoder(separators=(",", ":"))
+
+
 def _event(content: Mapping[str, object]) -> bytes:
-    return f"data: {json.dumps(content, separators=(',', ':'))}\n\n".encode()
+    return f"data: {_ENCODER.encode(content)}\n\n".encode()
 
 
 class Channels:

@@ -15,12 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from valve_twin.report.svg import polyline, round_ticks, tick_texts
+from valve_twin.report.svg import round_ticks, tick_texts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from typing import TypeAlias
 
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
+
+    Names: TypeAlias = tuple[str, ...]
+    """Curves whose samples have the same stamps."""
 
 WINDOW_S = 10.0
 """What the plot shows [s of the data's clock]."""
@@ -41,6 +45,9 @@ oldest are left out [1]."""
 UNITS_A_SECOND = WIDTH / WINDOW_S
 BAND = 2.0
 """Half the width of the residual's band [expected standard deviations]."""
+
+FIT_EVERY = 5
+"""Ranges are narrowed to what is seen at one look in so many; widened at once [1]."""
 
 MOST_COMMANDS = 4
 """Commands that are drawn [1]."""
@@ -65,27 +72,46 @@ STRIPS = (
 HEIGHT = 524.0
 """Height of the plot [units of the drawing]."""
 
-_STRIP_OF = {curve: strip for strip in STRIPS for curve in strip.curves}
+_PLACE_OF = {curve: k for k, strip in enumerate(STRIPS) for curve in strip.curves}
+_RESIDUAL = 1
+_COMMANDS = frozenset(STRIPS[-1].curves)
 
 
 @dataclass(slots=True)
 class Slice:
-    """What came between two looks: decimated points by curve, and its paths.
+    """What came between two looks: decimated points of the curves.
 
     Attributes
     ----------
     start_s, end_s : float
         Since the beginning of the plot [s].
     points : mapping
-        Times since `start_s` [s] and values by curve; NaN interrupts a curve.
+        Times since `start_s` [s], and values of each curve; NaN interrupts one.
     sigma : float
         Expected standard deviation of the residual [1]; NaN = not known.
+    extent : tuple of float
+        Lowest value of each strip, then the highest; infinite where there is none.
     """
 
     start_s: float
     end_s: float
-    points: dict[str, tuple[FloatArray, FloatArray]]
+    points: dict[Names, tuple[list[float], list[list[float]]]]
     sigma: float = math.nan
+    extent: tuple[float, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Find the extent."""
+        lows, highs = [math.inf] * len(STRIPS), [-math.inf] * len(STRIPS)
+        if math.isfinite(self.sigma):
+            lows[_RESIDUAL], highs[_RESIDUAL] = -BAND * self.sigma, BAND * self.sigma
+        for names, (_, rows) in self.points.items():
+            for name, values in zip(names, rows, strict=True):
+                known = values if _are_finite(values) else [v for v in values if math.isfinite(v)]
+                if known:
+                    place = _PLACE_OF[name]
+                    lows[place] = min(lows[place], *known)
+                    highs[place] = max(highs[place], *known)
+        self.extent = *lows, *highs
 
 
 @dataclass(slots=True)
@@ -108,14 +134,14 @@ class LivePlot:
     """The last `WINDOW_S` of a valve; to be used by one thread at a time."""
 
     def __init__(self) -> None:
-        self._waiting: dict[str, list[tuple[IntArray, FloatArray]]] = {}
+        self._waiting: dict[Names, list[tuple[IntArray, FloatArray]]] = {}
         self._slices: deque[Slice] = deque()
-        self._last: dict[str, tuple[float, float]] = {}
+        self._last: dict[Names, tuple[float, list[float]]] = {}
         self._begin_ns = self._newest_ns = 0
         self._drawn_s = 0.0
         self._sigma = math.nan
-        self._anew = True
-        self._ranges = {strip.name: strip.least for strip in STRIPS}
+        self._anew, self._fitted = True, 0
+        self._ranges = [strip.least for strip in STRIPS]
 
     @property
     def right(self) -> float:
@@ -141,12 +167,13 @@ class LivePlot:
         if "measured" in curves:
             self._follow(int(stamp_ns[0]), int(stamp_ns[-1]))
             self._sigma = sigma
-        for name, values in curves.items():
-            if name in _STRIP_OF:
-                parts = self._waiting.setdefault(name, [])
-                parts.append((stamp_ns, values))
-                while len(parts) > 1 and sum(len(p[0]) for p in parts) > MOST_WAITING:
-                    del parts[0]
+        names = tuple(name for name in curves if name in _PLACE_OF)
+        if not names:
+            return
+        parts = self._waiting.setdefault(names, [])
+        parts.append((stamp_ns, np.array([curves[name] for name in names], dtype=np.float64)))
+        while len(parts) > 1 and sum(len(p[0]) for p in parts) > MOST_WAITING:
+            del parts[0]
 
     def interrupt(self) -> None:
         """Leave a gap between what came so far and what comes."""
@@ -160,8 +187,9 @@ class LivePlot:
             self._slices.append(fresh)
             while self._slices and self._slices[0].end_s < self._drawn_s - WINDOW_S - 1.0:
                 self._slices.popleft()
-        grown = self._fit_ranges()
-        if self._anew or grown:
+            if self._fit_ranges(fresh):
+                self._anew = True
+        if self._anew:
             self._anew = False
             return Drawn(anew=True)
         return Drawn([self._paths(fresh)] if fresh is not None else [])
@@ -173,17 +201,16 @@ class LivePlot:
     def axes(self) -> list[dict[str, Any]]:
         """Return the lines of the axes: height in the drawing and the number beside it."""
         found: list[dict[str, Any]] = []
-        for strip in STRIPS:
+        for place, strip in enumerate(STRIPS):
             if strip.name == "command" and not self._has_commands():
                 continue
-            ticks = round_ticks(*self._ranges[strip.name], 4 if strip.height > 150 else 2)
+            ticks = round_ticks(*self._ranges[place], 4 if strip.height > 150 else 2)
             for value, text in zip(ticks, tick_texts(ticks), strict=True):
-                found.append({"y": round(self._height(strip, value), 1), "text": text})
+                found.append({"y": round(self._height(place, value), 1), "text": text})
         return found
 
     def _has_commands(self) -> bool:
-        commands = STRIPS[-1].curves
-        return any(c in one.points for one in self._slices for c in commands)
+        return any(not _COMMANDS.isdisjoint(names) for one in self._slices for names in one.points)
 
     def _follow(self, first_ns: int, last_ns: int) -> None:
         """Begin a new plot where the clock jumps."""
@@ -199,83 +226,115 @@ class LivePlot:
         """Take the samples up to the last whole bin; None where there are none."""
         newest_s = (self._newest_ns - self._begin_ns) * 1e-9
         end_s = math.floor(newest_s / BIN_S) * BIN_S
-        if end_s <= self._drawn_s or "measured" not in self._waiting:
+        if end_s <= self._drawn_s or not any("measured" in names for names in self._waiting):
             return None
         start_s, points = self._drawn_s, {}
-        for name in list(self._waiting):
-            taken = self._take(name, start_s, end_s)
+        for names in list(self._waiting):
+            taken = self._take(names, start_s, end_s)
             if taken is not None:
-                points[name] = taken
+                points[names] = taken
         self._drawn_s = end_s
         return Slice(start_s, end_s, points, self._sigma)
 
     def _take(
-        self, name: str, start_s: float, end_s: float
-    ) -> tuple[FloatArray, FloatArray] | None:
-        """Return the decimated points of a curve up to a time, joined to those before."""
-        parts = self._waiting.pop(name)
-        stamp_ns = np.concatenate([p[0] for p in parts])
-        values = np.concatenate([p[1] for p in parts])
-        t = (stamp_ns - self._begin_ns) * 1e-9
+        self, names: Names, start_s: float, end_s: float
+    ) -> tuple[list[float], list[list[float]]] | None:
+        """Return the decimated points of curves up to a time, joined to those before."""
+        parts = self._waiting.pop(names)
+        stamp_ns, rows = parts[0]
+        if len(parts) > 1:
+            stamp_ns = np.concatenate([p[0] for p in parts])
+            rows = np.concatenate([p[1] for p in parts], axis=1)
+        t = np.asarray((stamp_ns - self._begin_ns) * 1e-9, np.float64)
         left = t >= end_s
         if left.any():
-            self._waiting[name] = [(stamp_ns[left], values[left])]
+            self._waiting[names] = [(stamp_ns[left], rows[:, left])]
         keep = ~left & (t >= start_s - JUMP_S)
-        t, values = decimated(t[keep], values[keep], BIN_S)
+        if not keep.all():
+            t, rows = t[keep], rows[:, keep]
+        t, rows = decimated(t, rows, BIN_S)
         if not len(t):
             return None
-        before = self._last.get(name)
-        self._last[name] = float(t[-1]), float(values[-1])
+        found, before = rows.tolist(), self._last.get(names)
+        times = (t - start_s).tolist()
+        self._last[names] = float(t[-1]), [values[-1] for values in found]
         if before is not None:
-            if name in STRIPS[-1].curves:  # a command holds until the next one
-                t = np.concatenate([[before[0], t[0]], t])
-                values = np.concatenate([[before[1], before[1]], values])
-            else:
-                t, values = np.concatenate([[before[0]], t]), np.concatenate([[before[1]], values])
-        return t - start_s, values
+            at, held = before[0] - start_s, not _COMMANDS.isdisjoint(names)
+            times[:0] = [at, times[0]] if held else [at]  # a command holds until the next one
+            for values, old in zip(found, before[1], strict=True):
+                values[:0] = [old, old] if held else [old]
+        return times, found
 
-    def _fit_ranges(self) -> bool:
+    def _fit_ranges(self, fresh: Slice) -> bool:
         """Widen or narrow the ranges to what is seen; return whether one has changed."""
-        changed = False
-        for strip in STRIPS:
-            seen = [one.points[c][1] for one in self._slices for c in strip.curves
-                    if c in one.points]  # fmt: skip
-            values = np.concatenate(seen) if seen else np.empty(0)
-            values = values[np.isfinite(values)]
-            lower, upper = strip.least
-            if len(values):
-                lower, upper = min(lower, float(values.min())), max(upper, float(values.max()))
-            if strip.name == "residual":
-                sigmas = [BAND * one.sigma for one in self._slices if math.isfinite(one.sigma)]
-                most = max(-lower, upper, *sigmas)
-                lower, upper = -most, most
-            old = self._ranges[strip.name]
+        self._fitted += 1
+        if self._fitted % FIT_EVERY and self._holds(fresh.extent):
+            return False
+        changed, columns = False, list(zip(*(one.extent for one in self._slices), strict=True))
+        for place, strip in enumerate(STRIPS):
+            lower = min(*strip.least, *columns[place])
+            upper = max(*strip.least, *columns[place + len(STRIPS)])
+            if place == _RESIDUAL:
+                upper = max(-lower, upper)
+                lower = -upper
+            old = self._ranges[place]
             outside = lower < old[0] or upper > old[1]
             if outside or upper - lower < 0.3 * (old[1] - old[0]):
                 room = 0.1 * (upper - lower)
                 new = (lower - room * (lower < strip.least[0]), upper + room)
-                new = (-new[1], new[1]) if strip.name == "residual" else new
+                new = (-new[1], new[1]) if place == _RESIDUAL else new
                 changed |= new != old
-                self._ranges[strip.name] = new
+                self._ranges[place] = new
         return changed
 
-    def _height(self, strip: Strip, value: float) -> float:
-        lower, upper = self._ranges[strip.name]
+    def _holds(self, extent: tuple[float, ...]) -> bool:
+        """Return whether the ranges have room for a slice."""
+        lows, highs = extent[: len(STRIPS)], extent[len(STRIPS) :]
+        return all(r[0] <= low and high <= r[1]
+                   for r, low, high in zip(self._ranges, lows, highs, strict=True))  # fmt: skip
+
+    def _height(self, place: int, value: float) -> float:
+        strip, (lower, upper) = STRIPS[place], self._ranges[place]
         return strip.top + (upper - value) / (upper - lower) * strip.height
 
     def _paths(self, one: Slice) -> dict[str, Any]:
         """Return a slice as a page takes it."""
         paths = {}
-        for name, (t, values) in one.points.items():
-            strip = _STRIP_OF[name]
-            lower, upper = self._ranges[strip.name]
-            y = strip.top + (upper - values) / (upper - lower) * strip.height
-            paths[name] = polyline(t * UNITS_A_SECOND, y)
-        if math.isfinite(one.sigma) and "residual" in one.points:
-            strip, end = STRIPS[1], (one.end_s - one.start_s) * UNITS_A_SECOND
-            low, high = (self._height(strip, k * BAND * one.sigma) for k in (-1.0, 1.0))
+        for names, (times, rows) in one.points.items():
+            x = [f"{t * UNITS_A_SECOND:.1f}" for t in times]
+            for name, values in zip(names, rows, strict=True):
+                place = _PLACE_OF[name]
+                zero = self._height(place, 0.0)
+                slope = self._height(place, 1.0) - zero
+                paths[name] = _path(x, [zero + slope * v for v in values], held=name in _COMMANDS)
+        if math.isfinite(one.sigma) and "residual" in paths:
+            end = (one.end_s - one.start_s) * UNITS_A_SECOND
+            low, high = (self._height(_RESIDUAL, k * BAND * one.sigma) for k in (-1.0, 1.0))
             paths["expected"] = f"M0 {high:.1f}H{end:.1f}V{low:.1f}H0Z"
         return {"t": round(one.start_s * UNITS_A_SECOND, 2), "d": paths}
+
+
+def _are_finite(values: list[float]) -> bool:
+    return math.isfinite(sum(values))
+
+
+def _path(x: list[str], y: list[float], *, held: bool) -> str:
+    """Return a path through points; what is no number interrupts it.
+
+    Of what is held, only where it begins and ends.
+    """
+    if not _are_finite(y):
+        moves, pen = [], "M"
+        for a, b in zip(x, y, strict=True):
+            if math.isfinite(b):
+                moves.append(f"{pen}{a} {b:.1f}")
+            pen = "L" if math.isfinite(b) else "M"
+        return "".join(moves)
+    points = list(zip(x, y, strict=True))
+    if held:
+        inner = zip(y, points[1:-1], y[2:], strict=False)
+        points[1:-1] = [p for before, p, after in inner if not before == p[1] == after]
+    return "M" + "L".join([f"{a} {b:.1f}" for a, b in points])
 
 
 def decimated(t: FloatArray, values: FloatArray, bin_s: float) -> tuple[FloatArray, FloatArray]:
@@ -283,30 +342,29 @@ def decimated(t: FloatArray, values: FloatArray, bin_s: float) -> tuple[FloatArr
 
     Parameters
     ----------
-    t, values : (N,) arrays
-        Times, not decreasing [s], and values [any unit]; NaN = none.
+    t : (N,) array
+        Times, not decreasing [s].
+    values : (..., N) array
+        Values of one or more curves [any unit]; NaN = none.
     bin_s : float
         Width of a bin [s].
 
     Returns
     -------
-    tuple of (M,) arrays
-        At most two points a bin; one of NaN where a bin has no value.
+    (M,) array, (..., M) array
+        At most two points a bin; those of NaN where a bin has no value of a curve.
     """
-    if not len(t):
-        return t, values
     number = np.floor(t / bin_s)
-    starts = np.flatnonzero(np.concatenate([[True], number[1:] != number[:-1]]))
-    sizes = np.diff(np.concatenate([starts, [len(t)]]))
-    if sizes.max() <= 2:
+    if (number[2:] != number[:-2]).all():
         return t, values
+    starts = np.flatnonzero(np.concatenate([[True], number[1:] != number[:-1]]))
+    ends = np.append(starts[1:], len(t)) - 1
     known: BoolArray = np.isfinite(values)
-    lowest = np.minimum.reduceat(np.where(known, values, np.inf), starts)
-    highest = np.maximum.reduceat(np.where(known, values, -np.inf), starts)
+    lowest = np.minimum.reduceat(np.where(known, values, np.inf), starts, axis=-1)
+    highest = np.maximum.reduceat(np.where(known, values, -np.inf), starts, axis=-1)
     empty = lowest > highest
-    ends = starts + sizes - 1
-    rising = ~(values[ends] < values[starts])
+    rising = ~(values[..., ends] < values[..., starts])
     first = np.where(empty, np.nan, np.where(rising, lowest, highest))
     second = np.where(empty, np.nan, np.where(rising, highest, lowest))
     times = np.column_stack([t[starts], t[ends]]).ravel()
-    return times, np.column_stack([first, second]).ravel()
+    return times, np.stack([first, second], axis=-1).reshape(*values.shape[:-1], -1)

@@ -9,8 +9,6 @@ from functools import partial
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-from rclpy.node import Node
-
 from valve_twin.core.valves.registry import get_model
 from valve_twin.gateway.faces import faces
 from valve_twin.gateway.live.channel import Channels, LiveValve
@@ -24,6 +22,7 @@ from valve_twin.gateway.web import Site, application
 from valve_twin.io.config.gateway_parameters import GatewayParameters
 from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.gateway.live_feed import LiveFeed
+from valve_twin.nodes.gateway.readers import make_reader, own_context
 from valve_twin.nodes.gateway.service_marker import ServiceMarker
 from valve_twin.nodes.gateway.state_feed import StateFeed
 from valve_twin.nodes.runtime.diagnostics import Diagnostics, Report
@@ -33,11 +32,18 @@ from valve_twin.nodes.twin.valve_parameters import read_valves
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from rclpy.context import Context
+    from rclpy.node import Node
+
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.nodes.gateway.foxglove_relay import FoxgloveRelay
 
 LOOK_S = 0.1
-"""What came on the topics is taken so often while somebody looks [s]."""
+"""What came on the topics is looked for so often [s]."""
+
+LIVE_EVERY = 2
+"""Of these looks one takes what came of a valve that somebody looks at [1]: not all of them at the
+same one, so that nobody waits for a burst."""
 
 STATE_EVERY = 4
 """Of these looks one takes verdicts, last cycles and faults, whoever looks [1]."""
@@ -52,8 +58,10 @@ class GatewayNode(ValveNode):
         self._plant: Plant | None = None
         self._server: Background | None = None
         self._reader: Node | None = None
+        self._live_reader: Node | None = None
+        self._live: Context | None = None
         self._feeds: dict[str, LiveFeed] = {}
-        self._watched: set[str] = set()
+        self._watched: list[str] = []
         self._channels: Channels | None = None
         self._marker: ServiceMarker | None = None
         self._diagnostics: Diagnostics | None = None
@@ -100,23 +108,16 @@ class GatewayNode(ValveNode):
     def activate(self) -> None:
         """Serve the pages."""
         assert self._plant is not None
-        arguments = ["--ros-args", "-p", "start_type_description_service:=false"]
-        self._reader = Node(
-            f"{self.get_name()}_reader",
-            context=self.context,
-            cli_args=arguments,
-            namespace=self.get_namespace(),
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        self._reader = make_reader(self, f"{self.get_name()}_reader", self.context)
+        self._live = own_context(self.context)
+        self._live_reader = make_reader(self, f"{self.get_name()}_live_reader", self._live)
         self._state = StateFeed(self._reader, self._configs, self._told)
         live = {
             name: LiveValve(partial(self._on_watched, name), news=partial(self._told.number, name))
             for name in self._configs
         }
         self._feeds = {
-            name: LiveFeed(self._reader, self._configs[name], valve)
+            name: LiveFeed(self._live_reader, self._configs[name], valve)
             for name, valve in live.items()
         }
         self._marker = ServiceMarker(self, self._configs) if self._accounts else None
@@ -133,7 +134,7 @@ class GatewayNode(ValveNode):
         if foxglove is not None:
             from valve_twin.nodes.gateway.foxglove_relay import FoxgloveRelay
 
-            self._relay = FoxgloveRelay(self._reader, foxglove, self._configs)
+            self._relay = FoxgloveRelay(self._live_reader, foxglove, self._configs)
         self._server = Background(application(self._plant, site), self._place, self._tell)
         Thread(target=self._plant.glance, daemon=True).start()  # read before somebody looks
         self._timer = self.create_timer(LOOK_S, self._look, clock=STEADY)
@@ -156,7 +157,7 @@ class GatewayNode(ValveNode):
         self._faces.close()
         for feed in self._feeds.values():
             feed.end()
-        self._feeds, self._watched = {}, set()
+        self._feeds, self._watched = {}, []
         if self._state is not None:
             self._state.end()
             self._state = None
@@ -166,6 +167,12 @@ class GatewayNode(ValveNode):
         if self._reader is not None:
             self._reader.destroy_node()
             self._reader = None
+        if self._live_reader is not None:
+            self._live_reader.destroy_node()
+            self._live_reader = None
+        if self._live is not None:
+            self._live.try_shutdown()
+            self._live = None
 
     def cleanup(self) -> None:
         """Let go of everything."""
@@ -184,13 +191,13 @@ class GatewayNode(ValveNode):
             return
         if begin:
             feed.begin()
-            self._watched.add(valve)
+            self._watched = [*self._watched, valve]
         else:
             feed.end()
-            self._watched.discard(valve)
+            self._watched = [other for other in self._watched if other != valve]
 
     def _look(self) -> None:
-        for valve in self._watched:
+        for valve in self._watched[self._looks % LIVE_EVERY :: LIVE_EVERY]:
             self._feeds[valve].look()
         if self._state is not None and self._looks % STATE_EVERY == 0:
             self._state.look()

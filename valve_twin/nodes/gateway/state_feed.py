@@ -53,8 +53,27 @@ class _Topic:
     """
 
     def __init__(self, subscription: Any, take: Callable[[Any], None]) -> None:
-        self.subscription, self.take = subscription, take
-        self.is_heard = False
+        self.subscription, self._take = subscription, take
+        self._data: bytes | None = None
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether something was taken of who publishes now."""
+        return self._data is not None
+
+    def look(self) -> bool:
+        """Take what came since the last look; return whether it says something new."""
+        found = take_waiting(self.subscription, LATCHED.depth)
+        if not found or found[-1] == self._data:
+            return False
+        self._data = found[-1]
+        self._take(deserialize_message(self._data, self.subscription.msg_type))
+        return True
+
+    def forget(self) -> None:
+        """Take it that nobody publishes any more."""
+        self._data = None
+        self._take(None)
 
 
 class StateFeed:
@@ -72,6 +91,7 @@ class StateFeed:
 
     def __init__(self, reader: Node, valves: Iterable[str], told: Told) -> None:
         self._reader, self._told, self._looks = reader, told, 0
+        self._is_news = False
         self._valves = tuple(valves)
         self._verdicts: dict[str, Verdict | None] = {}
         self._trends: dict[str, dict[str, Trend]] = {valve: {} for valve in self._valves}
@@ -91,17 +111,15 @@ class StateFeed:
             topic = next(iter(self._wanted))
             self._subscribe(topic, *self._wanted.pop(topic))
         for of in self._topics.values():
-            found = take_waiting(of.subscription, LATCHED.depth)
-            if found:
-                of.is_heard = True
-                of.take(deserialize_message(found[-1], of.subscription.msg_type))
+            self._is_news |= of.look()
         self._judge()
 
     def end(self) -> None:
         """Take all down."""
         for topic in self._topics.values():
             self._reader.destroy_subscription(topic.subscription)
-            topic.take(None)
+            topic.forget()
+        self._is_news = True
         self._judge()
         self._topics, self._wanted = {}, {}
 
@@ -113,8 +131,8 @@ class StateFeed:
         """Want what is published now, and forget what nobody publishes any more."""
         for topic, of in self._topics.items():
             if of.is_heard and not self._reader.count_publishers(topic):
-                of.is_heard = False
-                of.take(None)
+                of.forget()
+                self._is_news = True
         for topic, types in self._reader.get_topic_names_and_types():
             if topic in self._topics or topic in self._wanted:
                 continue
@@ -126,6 +144,9 @@ class StateFeed:
                 self._wanted[topic] = msg.Trend, partial(self._on_trend, valve, parameter)
 
     def _judge(self) -> None:
+        if not self._is_news:
+            return
+        self._is_news = False
         for valve, verdict in self._verdicts.items():
             self._told.judge(valve, verdict, tuple(self._trends[valve].values()))
 
