@@ -12,6 +12,7 @@ import sys
 import time
 import urllib.request
 from collections import Counter
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,13 @@ from pysparkplug import DataType, Metric, NCmd
 from test.gateway.mqtt.brokers import GROUP, NODE, Broker, Listener, wait_until
 from test.gateway.test_web import HOSTILE, store
 from valve_twin.cli import main
+from valve_twin.gateway.mqtt.broker import Broker as BrokerOfOurs
+from valve_twin.gateway.mqtt.face import MqttFace
 from valve_twin.gateway.mqtt.names import device_id
+from valve_twin.gateway.mqtt.plain import JsonSpeaker
+from valve_twin.gateway.plain import plain_valve, plain_words
+from valve_twin.gateway.view import LastCycle, NodeFault, View
+from valve_twin.io.history.fleet import FleetRow
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -198,8 +205,8 @@ def test_plain_json_is_retained_and_says_when_nobody_speaks_any_more(
         wait_until(lambda: any(t == topic for t, _, _ in late.raw), "the retained valve")
         kept = {t: (json.loads(p), retained) for t, p, retained in late.raw}
         found, retained = kept[topic]
-        of_nodes: dict[str, Any] = {"last": None, "faults": []}  # stand on the pages alone
-        assert (found | of_nodes, retained) == (server.json()["/press/worn"], True)
+        assert (found, retained) == (server.json()["/press/worn"], True)
+        assert kept[f"{GROUP}/faults"] == ([], True)
         assert kept[f"{GROUP}/online"] == (True, True)
         assert len([t for t in kept if t.startswith(f"{GROUP}/valves/")]) == 2
         server.process.kill()
@@ -210,6 +217,36 @@ def test_plain_json_is_retained_and_says_when_nobody_speaks_any_more(
         )
     finally:
         late.end()
+
+
+def test_last_cycles_and_faults_of_nodes_are_told_as_json_while_they_last(broker, listener):
+    row, words = FleetRow("/press/a"), LastCycle(7, 10**18, accepted=False, reason="too short")
+    faults = (NodeFault("/press/a/twin", "/press/a", "input.silent"),
+              NodeFault("/bag_recorder", "", "recorder.disk"))  # fmt: skip
+    shown = [View((row,), "history", 1)]
+    broker_of_ours = BrokerOfOurs(broker.address)
+    face = MqttFace(lambda: shown[0], broker_of_ours, JsonSpeaker(GROUP))
+    face.start()
+
+    def heard(topic: str) -> Any:
+        told = [p for t, p, _ in list(listener.raw) if t == f"{GROUP}/{topic}"]
+        return json.loads(told[-1]) if told else None
+
+    valve = partial(heard, "valves/press/a")
+    try:
+        wait_until(lambda: valve() and heard("faults") == [], "the valve")
+        assert (valve()["last"], valve()["faults"]) == (None, [])
+        shown[0] = replace(shown[0], last={row.valve: words}, faults=faults)
+        wait_until(lambda: valve()["last"], "the last cycle")
+        wait_until(lambda: heard("faults"), "the faults")
+        assert valve() == plain_valve(shown[0], row) | plain_words(shown[0], row)
+        assert [f["code"] for f in valve()["faults"]] == ["input.silent"]
+        assert [f["code"] for f in heard("faults")] == ["input.silent", "recorder.disk"]
+        shown[0] = replace(shown[0], faults=faults[1:])
+        wait_until(lambda: valve()["faults"] == [], "the end of the fault")
+        assert valve()["last"]["reason"] == "too short"
+    finally:
+        face.stop()
 
 
 def test_a_wrong_user_is_told_in_one_line_and_the_pages_go_on(tmp_path, history, monkeypatch):

@@ -5,21 +5,30 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from valve_twin.gateway.mqtt.broker import Message
 from valve_twin.gateway.mqtt.names import topic_path
-from valve_twin.gateway.plain import plain_valve
+from valve_twin.gateway.plain import plain_faults, plain_valve, plain_words
 
 if TYPE_CHECKING:
     from valve_twin.gateway.view import View
     from valve_twin.io.history.fleet import FleetRow
 
 
+class _Made(NamedTuple):
+    """The text of a valve, and what it was made of."""
+
+    of: tuple[object, ...]
+    words: dict[str, object]
+    text: bytes
+
+
 class JsonSpeaker:
     """Says a valve anew where something of it has changed.
 
-    Topics are PREFIX/online (`true`, `false` by the will), PREFIX/history, PREFIX/valves/NAME.
+    Topics are PREFIX/online (`true`, `false` by the will), PREFIX/history, PREFIX/faults (of all
+    nodes), PREFIX/valves/NAME.
 
     Parameters
     ----------
@@ -32,7 +41,7 @@ class JsonSpeaker:
     def __init__(self, prefix: str) -> None:
         self._prefix = prefix
         self._said: dict[str, bytes] = {}
-        self._made: dict[str, tuple[tuple[object, ...], bytes]] = {}
+        self._made: dict[str, _Made] = {}
 
     def will(self) -> Message:
         """Return what the broker says when we are gone."""
@@ -52,6 +61,7 @@ class JsonSpeaker:
         self._made = {row.valve: self._made[row.valve] for row in view.rows}
         place = {"history": view.where, "failure": view.failure}
         now[self._topic("history")] = _text(place)
+        now[self._topic("faults")] = _text(plain_faults(view.faults))
         gone = [Message(t, b"", 1, retain=True) for t in self._said if t not in now]
         new = [
             Message(t, text, 1, retain=True)
@@ -75,11 +85,15 @@ class JsonSpeaker:
 
     def _said_of(self, view: View, row: FleetRow) -> bytes:
         """Return the text of a valve, made anew where what it is made of is another object."""
-        of = view.made_of(row)
+        of, words = view.made_of(row), plain_words(view, row)
         kept = self._made.get(row.valve)
-        if kept is None or any(a is not b for a, b in zip(kept[0], of, strict=True)):
-            kept = self._made[row.valve] = of, _text(plain_valve(view, row))
-        return kept[1]
+        if (
+            kept is None
+            or kept.words != words
+            or any(a is not b for a, b in zip(kept.of, of, strict=True))
+        ):
+            kept = self._made[row.valve] = _Made(of, words, _text(plain_valve(view, row) | words))
+        return kept.text
 
     def _topic(self, name: str) -> str:
         return f"{self._prefix}/{name}"
