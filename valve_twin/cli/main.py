@@ -21,7 +21,16 @@ from valve_twin.cli import (
     simulate,
     validate,
 )
-from valve_twin.cli.archive import backtest, batch, export_fmu, fleet, history, serve, verify
+from valve_twin.cli.archive import (
+    backtest,
+    batch,
+    export_fmu,
+    fleet,
+    history,
+    reference,
+    serve,
+    verify,
+)
 from valve_twin.cli.bags import convert, cut, import_, info, predict, recover, replay, stroke_test
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
 from valve_twin.cli.design import verb as design
@@ -43,6 +52,7 @@ VERBS = (
     fleet,
     serve,
     history,
+    reference,
     export_fmu,
     info,
     recover,

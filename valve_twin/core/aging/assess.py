@@ -176,12 +176,14 @@ def assess(
         for p in followed
     ]
     trends = tuple(trend for trend, _ in results)
-    diagnosis = NOTHING if config.label else diagnose(past, maintenance, known.faults)
+    given = (known.faults, config.reference, valve)
+    diagnosis = NOTHING if config.label else diagnose(past, maintenance, *given)
     if any(f.fault == CLOCK for f in diagnosis.findings):
         trends = tuple(
             replace(_without_forecast(t), reason=f"{t.reason}; no forecast: the clocks run apart")
             for t in trends
         )
+    failed = failed_checks(past, begun_anew(maintenance))
     verdict = decide(
         trends,
         config,
@@ -191,7 +193,7 @@ def assess(
         fault=diagnosis.present,
         stale=refused_lately(past),
         doubt=diagnosis.doubt,
-        failed=failed_checks(past, begun_anew(maintenance)),
+        failed="; ".join(filter(None, (diagnosis.against, failed))),
         since=_first_compared(ordered, maintenance),
     )
     verdict = held_back(verdict, diagnosis.departs, cycle=diagnosis.newest)

@@ -6,10 +6,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.quantity import assumed, check_quantities, needed, quantity, records, setting
+
+if TYPE_CHECKING:
+    from valve_twin.core.diagnosis.given.reference import FeatureReference
 
 
 class Axis(Enum):
@@ -117,7 +121,7 @@ class Commissioning:
 
 @dataclass(frozen=True, slots=True)
 class AgingConfig:
-    """Rules of the aging monitor."""
+    """Rules of the aging monitor; `reference` is what was read of `feature_reference`."""
 
     label: str = setting(
         "",
@@ -143,6 +147,12 @@ class AgingConfig:
         lower=0.0,
     )
     commissioning: tuple[Commissioning, ...] = records(Commissioning)
+    feature_reference: str = setting(
+        "",
+        "File of a stored reference (`valve-twin reference`) that the features of the first "
+        "cycles are held against, so that a fault that begins in them is told. Empty = none.",
+    )
+    reference: FeatureReference | None = None
     reference_cycles: int = assumed(
         10,
         "1",

@@ -296,7 +296,8 @@ def decide(
     doubt : str
         Why the features have nothing to be compared with; empty where they have.
     failed : str
-        Which checks the newest estimates fail; told behind the evidence.
+        What a stored reference says, and which checks the newest estimates fail; told behind the
+        evidence.
     since : int
         First cycle that the newest ones are compared with.
     """

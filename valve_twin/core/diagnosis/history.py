@@ -19,6 +19,7 @@ from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.generic.motion import motion_from
 from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
+from valve_twin.core.diagnosis.given.judged import judged
 from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from valve_twin.core.diagnosis.config import DetectionConfig
+    from valve_twin.core.diagnosis.given.reference import FeatureReference
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.past.columns import Past, Rows
     from valve_twin.core.types import BoolArray, Estimate, FloatArray, IntArray, Maintenance
@@ -54,6 +56,8 @@ def diagnose(
     history: Iterable[Estimate] | Past,
     maintenance: Sequence[Maintenance],
     known: Known | None = None,
+    reference: FeatureReference | None = None,
+    valve: str = "",
 ) -> Diagnosis:
     """Find the faults in a stored history; a pure function of it.
 
@@ -65,6 +69,10 @@ def diagnose(
         All maintenance events of the valve.
     known : Known, optional
         What was found before: saves time and changes nothing.
+    reference : FeatureReference, optional
+        A stored one that the first cycles are held against, too.
+    valve : str
+        Name of the valve, which the reference may be of.
 
     Returns
     -------
@@ -77,7 +85,27 @@ def diagnose(
         return NOTHING
     doubt = found.doubt or _doubt_of_product(_products_of(_once_a_cycle(past.features)))
     stuck = still(past)
-    return replace(found, findings=(*found.findings, *([stuck] if stuck else [])), doubt=doubt)
+    found = replace(found, findings=(*found.findings, *([stuck] if stuck else [])), doubt=doubt)
+    since = max((m.cycle for m in maintenance), default=0)
+    return _given(found, past, since, reference, valve) if reference else found
+
+
+def followed_features(past: Past) -> Rows | None:
+    """Return the features in which faults can be seen, a cycle a row; None = there are none."""
+    followed = _followed(_once_a_cycle(past.features))
+    return None if followed is None else followed[2]
+
+
+def _given(
+    found: Diagnosis, past: Past, since: int, reference: FeatureReference, valve: str
+) -> Diagnosis:
+    """Return a diagnosis and what a stored reference says since the last maintenance."""
+    followed = _followed(_once_a_cycle(past.features if past.whole is None else past.whole))
+    if followed is None:
+        return found
+    model, table, shown = followed
+    shown = shown.take(np.flatnonzero(shown.cycle >= since))
+    return judged(found, shown, model, table, reference, valve)
 
 
 class Searched(NamedTuple):
@@ -111,20 +139,10 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
         What was found before: saves time and changes nothing.
     """
     known = known or Known()
-    shown = past.features
-    if not len(shown):
+    followed = _followed(_once_a_cycle(past.features))
+    if followed is None:
         return Searched(NOTHING)
-    model = _model(shown.models[0])
-    table = signatures_of(model) if model else None
-    if model is None or table is None:
-        return Searched(NOTHING)
-    shown = _once_a_cycle(shown)
-    if model.feature_set.of_any_valve:
-        shown = shown.take(np.flatnonzero(has_reference(shown)))
-        if not len(shown):
-            return Searched(NOTHING)
-        if model.signatures() is None and not model.feature_set.by_model:
-            table = _table_of(model, shown) or table
+    model, table, shown = followed
     cycles = shown.cycle
     vectors = known.vectors(shown, model.feature_set)
     restarts = [m.cycle for m in maintenance]
@@ -198,6 +216,21 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
     looked_at = settled.cycles + len(cycles)
     diagnosis = Diagnosis((*before, *found), looked_at, ready, doubt, far, newest)
     return Searched(diagnosis, stopped, tuple(f for f in direct if f in diagnosis.findings))
+
+
+def _followed(shown: Rows) -> tuple[ValveModel, SignatureTable, Rows] | None:
+    """Return the model of features, its signatures, and the cycles that count; None = none do."""
+    model = _model(shown.models[0]) if len(shown) else None
+    table = signatures_of(model) if model else None
+    if model is None or table is None:
+        return None
+    if model.feature_set.of_any_valve:
+        shown = shown.take(np.flatnonzero(has_reference(shown)))
+        if not len(shown):
+            return None
+        if model.signatures() is None and not model.feature_set.by_model:
+            table = _table_of(model, shown) or table
+    return model, table, shown
 
 
 def _rows_of(product: IntArray) -> Iterator[tuple[int, BoolArray | slice]]:

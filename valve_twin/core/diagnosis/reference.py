@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.types import FloatArray, IntArray
 
+YET = "no reference yet"
+"""With what the reason begins where more cycles are needed."""
+
 _STEP = 8
 """Cycles after which the first ones are compared again: each look may err by chance."""
 
@@ -87,7 +90,7 @@ def doubt_of(
         if others is not None and _is_steady(vectors, others, table, config):
             return ""
         return (
-            f"no reference yet: {len(cycles)} of {config.settled} cycles of this product, "
+            f"{YET}: {len(cycles)} of {config.settled} cycles of this product, "
             "from which on a fault would show"
         )
     most = config.learn + config.recent

@@ -194,12 +194,15 @@ class Past:
         Cycles of which any estimate was refused since its signals do not belong together.
     settled : Settled or None
         What older features showed, where not all are kept.
+    whole : Rows or None
+        The features and, before them, those of the first cycles, where not all are kept.
     """
 
     trend: Rows
     features: Rows
     apart: tuple[int, ...] = ()
     settled: Settled | None = None
+    whole: Rows | None = None
 
 
 @dataclass(frozen=True, slots=True)

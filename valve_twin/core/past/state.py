@@ -8,7 +8,8 @@ over the whole life: values themselves, not means, so that scatter and outliers 
 were. Kept as well are the first estimates of the life and behind each maintenance event, which
 make the reference, and those at which the count of cycles jumps.
 
-Of features the newest 2048 to 4096 cycles are kept. What was found in the others is found for
+Of features the newest 2048 to 4096 cycles are kept, and the first ones aside, for a stored
+reference. What was found in the others is found for
 good (`Settled`); the scatter of the kept ones is the measure from there on. What is let go of
 depends only on what came and in which order: a history read anew gives the same bits.
 """
@@ -45,6 +46,10 @@ FINDINGS = 256
 FIRST = 64
 """Estimates kept at the start of the life and behind each maintenance event [1]."""
 
+FIRST_FEATURES = 32
+"""Cycles at the start of the life and behind each maintenance event whose features are kept [1]: a
+stored reference judges the first ones, and what it says then stays said."""
+
 _WAIT = 128  # cycles after which features are looked at again where a fault may still heal
 _APART = 8  # cycles kept whose signals do not belong together, in those kept in full
 _AROUND = 16  # cycles about a fault in which those count
@@ -64,6 +69,7 @@ class AgingState:
         self._recent, self._recent_features = recent, recent_features
         self._trend, self._features = Table(), Table()
         self._old, self._stride = 0, 1
+        self._aside = 0  # rows of features before those that faults are sought in
         self._look_at = 2 * recent_features
         self._apart: dict[int, None] = {}
         self._settled: Settled | None = None
@@ -89,8 +95,10 @@ class AgingState:
     def past(self) -> Past:
         """Return what is known now; it stays as it is when more comes."""
         if self._taken is None:
-            rows = self._trend.rows(), self._features.rows()
-            self._taken = Past(*rows, self._newest_apart(), self._settled)
+            trend, features = self._trend.rows(), self._features.rows()
+            judged = features.since(self._aside) if self._aside else features
+            whole = features if self._aside else None
+            self._taken = Past(trend, judged, self._newest_apart(), self._settled, whole)
         return self._taken
 
     def freeze(self, arrays: list[NDArray[Any]]) -> dict[str, Any]:
@@ -99,6 +107,7 @@ class AgingState:
             "recent": self._recent,
             "recent_features": self._recent_features,
             "old": self._old,
+            "aside": self._aside,
             "stride": self._stride,
             "look_at": self._look_at,
             "apart": list(self._apart),
@@ -111,6 +120,7 @@ class AgingState:
         """Return the state that was frozen; its columns are taken from the front of `arrays`."""
         state = cls(head["recent"], head["recent_features"])
         state._old, state._stride, state._look_at = head["old"], head["stride"], head["look_at"]
+        state._aside = head.get("aside", 0)
         state._apart = dict.fromkeys(head["apart"])
         state._settled = head["settled"]
         state._trend, state._features = (Table.thaw(t, arrays) for t in head["tables"])
@@ -150,7 +160,7 @@ class AgingState:
         cycles = past.features.cycle
         open_for = DetectionConfig().extrapolate + _WAIT
         near = int(cycles[max(len(cycles) - open_for, 0)])
-        self._look_at = len(cycles) + _WAIT
+        self._look_at = len(self._features) + _WAIT
         young = [f for f in found.findings if f.end < 0 and f.alarm >= near and f.fault != CLOCK]
         recent = max(self._recent_features, 2 * open_for if young else 0)
         if young and len(cycles) < 2 * recent:
@@ -174,11 +184,28 @@ class AgingState:
         self._settled = Settled(
             tuple(settled), before + gone, judged, found.doubt, stopped, direct
         )
-        self._features.keep(np.flatnonzero(kept))
+        self._let_go(kept, _begun(past.features, [m.cycle for m in events]))
         known = int(cycles[kept].min(initial=int(cycles.max()))) - _AROUND
         self._apart = {cycle: None for cycle in self._apart if cycle >= known}
         self._look_at = len(self._features) + self._recent_features
         self._taken = None
+
+    def _let_go(self, kept: BoolArray, begun: BoolArray) -> None:
+        """Let go of features that faults are sought in but some, (N,); put first ones aside."""
+        before = self._aside
+        aside = before + np.flatnonzero(begun & ~kept)
+        index = np.concatenate((np.arange(before), aside, before + np.flatnonzero(kept)))
+        self._features.keep(index)
+        self._aside = before + len(aside)
+
+
+def _begun(rows: Rows, events: Iterable[int]) -> BoolArray:
+    """Return which cycles are the first of the life, or behind an event, (N,)."""
+    found = rows.key < FIRST_FEATURES
+    order = np.argsort(rows.cycle, kind="stable")
+    for cycle in events:
+        found[order[rows.cycle[order] >= cycle][:FIRST_FEATURES]] = True
+    return np.asarray(found)
 
 
 def _marked(rows: Rows, events: Iterable[int]) -> BoolArray:

@@ -9,7 +9,7 @@ a section of a valve's name overrides the common keys for that valve.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -37,6 +37,7 @@ from valve_twin.io.config.parameter_file import Section, read_parameter_file
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.config.valve_names import expand_names
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.feature_reference import read_reference
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -303,7 +304,7 @@ class _Reader:
             signals=signals,
             cycles=self._cycles(given, model, signals, origin),
             options=self._section("options", model.options, given),
-            aging=self._section("aging", AgingConfig(), given),
+            aging=self._aging(given, model, keys.period_s, origin),
             history_url=keys.history_url,
             simulation=simulation,
             csv=self._section("csv", CsvConfig(), given),
@@ -409,6 +410,22 @@ class _Reader:
             )
             raise self._of(origin, "cycles.rule", problem)
         return cycles
+
+    def _aging(
+        self,
+        given: Mapping[str, object],
+        model: ValveModel,
+        period_s: float,
+        origin: Mapping[str, str],
+    ) -> AgingConfig:
+        aging = self._section("aging", AgingConfig(), given)
+        if not aging.feature_reference:
+            return aging
+        try:
+            reference = read_reference(aging.feature_reference, model, period_s)
+        except ConfigError as err:
+            raise self._of(origin, "aging.feature_reference", str(err)) from None
+        return replace(aging, reference=reference)
 
     def _section(self, section: str, default: T, given: Mapping[str, object]) -> T:
         try:

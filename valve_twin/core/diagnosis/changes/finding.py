@@ -61,6 +61,8 @@ class Diagnosis:
         is a fault, else 0 [standard deviations].
     newest : int
         Number of that cycle, 0 = none showed anything.
+    against : str
+        What a stored reference says; empty where none is given.
     """
 
     findings: tuple[Finding, ...]
@@ -69,6 +71,7 @@ class Diagnosis:
     doubt: str = ""
     departs: float = 0.0
     newest: int = 0
+    against: str = ""
 
     @property
     def present(self) -> Finding | None:

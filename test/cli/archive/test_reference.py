@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The verb that writes a stored reference, and what refuses to be one."""
+
+import numpy as np
+import pytest
+import yaml
+
+from valve_twin.bench.data.years import features, life
+from valve_twin.cli.main import main
+from valve_twin.core.aging import VerdictKind, assess
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.past.state import AgingState
+from valve_twin.core.past.stored import freeze, thaw
+from valve_twin.core.types import Maintenance
+from valve_twin.core.valves.press_cartridge import MODEL
+from valve_twin.io.config.valve import parse_config
+from valve_twin.io.errors import ConfigError
+from valve_twin.io.history.store import CycleRecord, History
+
+FLAT = {"model": "press_cartridge", "cycles.start_signal": "v_in", "cycles.rearm_signal": "v_out"}
+
+
+def lived(cycles, seed, *, wrong=0.0, since=1):
+    """Return estimates and features of a press by cycle; `wrong` from a cycle on."""
+    shown = [e for k in range(cycles) for e in features(1, 1000 * seed + k)]
+    change = [wrong if k >= since - 1 else 0.0 for k in range(cycles)]
+    whole = list(zip(life(cycles), shown, change, strict=True))
+    return [(e, moved(f, e, by)) for e, f, by in whole]
+
+
+def moved(feature, estimate, by):
+    """Return features of the time of an estimate, changed as they are followed."""
+    from dataclasses import replace
+
+    kind = MODEL.feature_set
+    by = np.broadcast_to(by, len(kind.names))
+    values = [
+        replace(p, value=p.value * np.exp(b) if p.name in kind.relative else p.value + b)
+        for p, b in zip(feature.parameters, by, strict=True)
+    ]
+    return replace(
+        feature,
+        cycle=estimate.cycle,
+        start_ns=estimate.start_ns,
+        end_ns=estimate.end_ns,
+        parameters=tuple(values),
+    )
+
+
+def signature(fault, size=1):
+    """Return the change by a medium fault (size 1), or another one."""
+    found = [s for s in MODEL.signatures().signatures if s.fault == fault and s.severity > 0.0]
+    return np.array(found[size].change)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A history of four sound presses, and the YAML of a press."""
+    folder = tmp_path_factory.mktemp("sisters")
+    with History(folder / "h.db") as history:
+        for k in range(4):
+            for e, f in lived(30, k + 1):
+                record = CycleRecord(e.cycle, e.start_ns, e.end_ns, 800)
+                history.store(f"/press/v{k}", record, [e, f])
+    nested = {"/**": {"ros__parameters": {"model": "press_cartridge", "cycles": {}}}}
+    nested["/**"]["ros__parameters"]["cycles"] = {
+        "start_signal": "v_in",
+        "rearm_signal": "v_out",
+    }
+    (folder / "press.yaml").write_text(yaml.safe_dump(nested), encoding="utf-8")
+    return folder
+
+
+def write(folder, name, *more, valves=("v0", "v1", "v2", "v3")):
+    given = [word for v in valves for word in ("--valve", f"/press/{v}")]
+    url, config = str(folder / "h.db"), str(folder / "press.yaml")
+    out = folder / name
+    code = main(["reference", "--url", url, "--config", config, *given, *more, "-o", str(out)])
+    assert code == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def written(folder):
+    return write(folder, "presses.reference")
+
+
+def config_of(path, **changes):
+    flat = {**FLAT, "aging.feature_reference": str(path), **changes}
+    return parse_config(flat, "press.yaml")[0].aging
+
+
+def said(history, config, events=(), name="/press/new"):
+    every = [e for pair in history for e in pair]
+    return assess(every, events, config, parameters=MODEL.parameters, valve=name)
+
+
+def test_a_fault_of_the_fourth_cycle_is_told_by_the_tenth_and_stays_told(written):
+    history = lived(60, 9, wrong=signature("leak"), since=4)
+    for count in (10, 30, 60):
+        verdict = said(history[:count], config_of(written)).verdict
+        assert verdict.kind is VerdictKind.VALVE, (count, verdict.evidence)
+        assert verdict.fault == "leak"
+        assert "presses.reference (4 valves, 120 cycles)" in verdict.evidence
+    without = said(history[:10], AgingConfig()).verdict
+    assert without.kind is not VerdictKind.VALVE
+
+
+def test_a_sound_valve_is_ok_earlier_and_says_by_what(written):
+    history = lived(40, 10)
+    verdict = said(history[:10], config_of(written)).verdict
+    assert verdict.kind is VerdictKind.OK, verdict.evidence
+    assert "judged against the stored reference presses.reference" in verdict.evidence
+    assert said(history[:9], AgingConfig()).verdict.kind is not VerdictKind.OK
+    assert said(history, config_of(written)).verdict.kind is VerdictKind.OK
+
+
+def test_maintenance_begins_anew_against_the_reference(written):
+    history = lived(30, 11, wrong=signature("sensor_offset", 2), since=4)
+    assert said(history, config_of(written)).verdict.fault == "sensor_offset"
+    event = Maintenance(cycle=16, stamp_ns=0, note="", new_reference=True)
+    found = said(history, config_of(written), [event])
+    assert found.diagnosis.against.endswith("departs from it since cycle 16")
+
+
+def test_without_a_reference_nothing_is_said_of_one(written):
+    history = lived(30, 12)
+    found = said(history, AgingConfig())
+    assert found.diagnosis.against == ""
+    assert "stored reference" not in found.verdict.evidence
+    bare = said(history, config_of(written)).diagnosis
+    assert bare.findings == found.diagnosis.findings
+
+
+def test_a_state_that_let_go_of_old_cycles_still_tells_an_early_fault(written):
+    pairs = lived(400, 13, wrong=signature("leak"), since=4)
+    state = AgingState(recent=64, recent_features=64)
+    for pair in pairs:
+        for estimate in pair:
+            state.add(estimate)
+    past = thaw(*freeze(state)).past()
+    assert past.features.cycle.min() > 16
+    config = config_of(written)
+    found = assess(past, (), config, parameters=MODEL.parameters, valve="/press/new")
+    assert found.verdict.fault == "leak"
+    assert "departs from it" in found.verdict.evidence
+
+
+def test_some_cycles_are_taken_where_asked(folder):
+    made = config_of(write(folder, "some.reference", "--cycles", "11..20")).reference
+    assert made.cycles == 40
+    assert {(x.first, x.last) for p in made.products for x in p.levels} == {(11, 20)}
+
+
+def test_a_reference_that_is_none_of_this_valve_is_refused_in_one_line(written, tmp_path):
+    damaged = tmp_path / "damaged.reference"
+    damaged.write_bytes(written.read_bytes().replace(b"120", b"121", 1))
+    foreign = tmp_path / "foreign.reference"
+    foreign.write_text("{}", encoding="utf-8")
+    for flat, why in (
+        ({"aging.feature_reference": str(tmp_path / "none")}, "cannot be read"),
+        ({"aging.feature_reference": str(damaged)}, "is damaged"),
+        ({"aging.feature_reference": str(foreign)}, "no stored reference of this version"),
+        ({"period_s": 0.01}, "made at a sampling time of 0.03 s, this valve has 0.01 s"),
+        ({"model": "first_order", "cycles.rule": "window"}, "of model 'press_cartridge'"),
+    ):
+        given = {**FLAT, "aging.feature_reference": str(written), **flat}
+        if flat.get("model"):
+            given = {k: v for k, v in given.items() if not k.endswith("_signal")}
+        with pytest.raises(ConfigError, match=why) as refused:
+            parse_config(given, "press.yaml")
+        assert "key 'aging.feature_reference'" in str(refused.value)
+        assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        (["--valve", "/press/none"], "there is no valve"),
+        (["--valve", "/press/v0", "--cycles", "9"], "no range of cycles"),
+        (["--valve", "/press/v0", "--cycles", "1..5"], "no product was made 8 times"),
+        (["--valve", "/press/v0", "--cycles", "100..120"], "has no features in cycles"),
+        ([], "give --url and --valve, or --bag"),
+    ],
+)
+def test_what_makes_no_reference_is_told_in_one_line(folder, more, why, capsys):
+    url, config = str(folder / "h.db"), str(folder / "press.yaml")
+    out = folder / "none.reference"
+    code = main(["reference", "--url", url, "--config", config, *more, "-o", str(out)])
+    assert code == 2
+    assert why in capsys.readouterr().err
+    assert not out.exists()

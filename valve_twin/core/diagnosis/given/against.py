@@ -1,0 +1,418 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Hold the first cycles of a valve against a stored reference.
+
+A sound valve lies off the centre of its product by what valves differ by (B), the same in all its
+cycles, and scatters by W from cycle to cycle. A fault adds a multiple of its signature from some
+cycle on. Where cycles came before it, they tell most of B: what is left of the others is
+
+    y2 - G y1,  G = B (B + W / k)^-1,  covariance  C = B + W / m - G B
+
+of k cycles before and m since; with none before G is 0. So a fault from the first cycle on is
+judged by how valves differ, one that begins later nearly by the scatter of a cycle alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Finding
+from valve_twin.core.diagnosis.given.reference import PREFIX
+from valve_twin.core.diagnosis.table import BY_NAME, FACTORS, partner, whitener
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from valve_twin.core.diagnosis.given.reference import FeatureReference
+    from valve_twin.core.diagnosis.table import SignatureTable
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
+
+LEAST = 5
+"""Fewest cycles from which on nothing found means that the valve is like the reference."""
+
+JUDGED = 16
+"""First cycles that are held against the reference; later ones against the valve's own."""
+
+_BEGINS = 8
+"""Cycles of those in which a fault may begin; later it is one for the own past."""
+
+_SHOWN = 6.5
+"""Standard deviations that are a fault, as against the own past [1]."""
+
+_WITHHELD = 3.5
+"""Standard deviations that withhold the "ok" [1]."""
+
+_CONFIRM = 3
+_EACH, _SUDDEN = 0.4, 0.5
+_BESIDE = 3
+_MOST = (8, 4)  # cycles before and since that make a mean surer: what wanders does not
+_HEAL = 5
+_BACK = 0.4
+_UNLIKE = 0.3
+_RIVAL, _PAIR_RIVAL = 6.0, 2.0
+_LIKE = 0.4
+_CHANCE = 1e-6
+_ASSUMED = 0.02
+_PRIOR = 3.0
+_MODEL = 0.02
+_ROUNDING = 1e-6
+_MAD = 1.4826
+_BLOCK = 8
+
+
+_WIDE = (
+    "unchanged by the scatter of a cycle; its valves differ too much to tell a large fault that "
+    "was there from the first cycle on"
+)
+
+
+class Held(NamedTuple):
+    """What a stored reference says of a valve.
+
+    Attributes
+    ----------
+    finding : Finding or None
+        A fault, or a departure like no fault (`UNKNOWN`).
+    settled : bool
+        Whether a fault would have shown.
+    text : str
+        The sentence of the evidence; empty where there is no reference.
+    """
+
+    finding: Finding | None = None
+    settled: bool = False
+    text: str = ""
+
+
+NOT_HELD = Held()
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """Covariances as features are followed: of a cycle, and of a valve's level, both (F, F)."""
+
+    within: FloatArray
+    between: FloatArray
+    strays: FloatArray
+    shown: BoolArray
+
+
+def scatter_of(reference: FeatureReference, table: SignatureTable, valve: str = "") -> Scatter:
+    """Return how a sound valve may scatter about a reference.
+
+    Few valves tell little of how valves differ: that counts wider, by Student's t, and never for
+    less than they scatter from cycle to cycle, or an assumed share. Of a reference of the valve's
+    own only what it moved by counts.
+
+    Parameters
+    ----------
+    reference : FeatureReference
+        The reference.
+    table : SignatureTable
+        Least deviations of its features.
+    valve : str
+        Name of the valve that is held against it.
+    """
+    from scipy.special import stdtrit  # slow to import
+
+    off = reference.offsets()
+    shown = np.isfinite(off).any(axis=0)
+    floor, quiet = np.array(table.floor), np.sqrt(np.diag(table.covariance))
+    within = np.array(reference.within)
+    own = np.sqrt(np.diag(within))
+    never = ~shown | ((own == 0.0) & (floor < _ROUNDING))
+    least = np.maximum(floor, quiet)
+    within = within + np.diag(np.maximum(least**2 - own**2, 0.0) + 1e-4 * own**2 + 1e-24)
+    off, valves = np.nan_to_num(off), len(off)
+    prior = np.diag(within) + _assumed(table) ** 2 + reference.moved() ** 2 / 3.0
+    freedom = valves - 1 + _PRIOR
+    between = off.T @ off + _PRIOR * np.diag(prior)
+    if reference.valves == (valve,):
+        freedom = max(reference.cycles / _BLOCK, _PRIOR)
+        between = freedom * np.diag(np.diag(within) / _MOST[1] + reference.moved() ** 2 / 3.0)
+    wider = float(stdtrit(freedom, 1.0 - _CHANCE) / stdtrit(1e6, 1.0 - _CHANCE))
+    between = wider**2 * (1.0 + 1.0 / valves) * between / freedom
+    return Scatter(within, between, np.diag(np.square(reference.strays)), ~never)
+
+
+def _assumed(table: SignatureTable) -> FloatArray:
+    """Return what valves are assumed to differ by at least, (F,)."""
+    return np.array([_ASSUMED if n.startswith("gain_") else 0.0 for n in table.features])
+
+
+def hold(
+    cycles: IntArray,
+    rows: FloatArray,
+    table: SignatureTable,
+    reference: FeatureReference,
+    *,
+    least: int = LEAST,
+    valve: str = "",
+) -> Held:
+    """Hold the cycles of a valve since its start, or maintenance, against a reference.
+
+    Parameters
+    ----------
+    cycles : (N,) int64 array
+        Their numbers, rising.
+    rows : (N, F) array
+        Features less the centre of the cycle's product [as followed]; NaN where not shown.
+    table : SignatureTable
+        Signatures of the valve's faults.
+    reference : FeatureReference
+        The reference.
+    least : int
+        Fewest cycles that show that the valve is like it.
+    valve : str
+        Its name.
+    """
+    scatter = scatter_of(reference, table, valve)
+    keep = np.flatnonzero(scatter.shown & np.isfinite(rows[:JUDGED]).any(axis=0))
+    if not len(keep) or not len(rows):
+        return Held(text=f"{reference.text} says nothing: no feature is shown by both")
+    part = _Part(table, keep)
+    y = _filled(rows[:, keep])
+    shown, first = 0.0, None
+    for count in range(_CONFIRM, min(len(y), JUDGED) + 1):
+        look = _Look(y[:count], _widened(scatter, keep, y[:count]), part)
+        first, shown = look.departs()
+        if first is not None:
+            break
+    if first is not None:
+        return _departed(cycles, y, count, first, look, reference)
+    begun = f"judged against {reference.text}"
+    if len(y) < least:
+        return Held(None, False, f"{begun}: {len(y)} of {least} cycles that it takes")
+    if shown > _WITHHELD:
+        return Held(None, False, f"{begun}: not clearly within it ({shown:.1f} deviations)")
+    if not look.would_show(_BESIDE, FACTORS[1]):
+        return Held(None, False, f"{begun}: its cycles scatter too much to tell a medium fault")
+    if not look.would_show(0, FACTORS[2]):
+        return Held(None, True, f"{begun}: {_WIDE}")
+    return Held(None, True, f"{begun}: within it")
+
+
+class _Part(NamedTuple):
+    """Signatures in the features that are shown."""
+
+    table: SignatureTable
+    keep: IntArray
+
+    @property
+    def changes(self) -> FloatArray:
+        return self.table.changes()[:, self.keep]
+
+
+class _Change(NamedTuple):
+    """A change: its first row, the signature it is most along (-1 = none), how far it lies off."""
+
+    row: int
+    signature: int
+    far: float
+
+
+def _filled(rows: FloatArray) -> FloatArray:
+    """Return the features with the last known value where there is none, 0 before the first."""
+    known = np.isfinite(rows)
+    index = np.maximum.accumulate(np.where(known, np.arange(len(rows))[:, None], -1), axis=0)
+    found = np.take_along_axis(rows, np.maximum(index, 0), axis=0)
+    return np.where(index >= 0, found, 0.0)
+
+
+def _widened(scatter: Scatter, keep: IntArray, y: FloatArray) -> Scatter:
+    """Return the scatter, that of a cycle not less than this valve's own from step to step."""
+    within = scatter.within[np.ix_(keep, keep)]
+    between = scatter.between[np.ix_(keep, keep)]
+    if len(y) > _BESIDE:
+        own = _MAD * np.median(np.abs(np.diff(y, axis=0)), axis=0) / np.sqrt(2.0)
+        more = np.maximum(own / np.sqrt(np.diag(within)), 1.0)
+        within = within * np.outer(more, more)
+    return Scatter(within, between, scatter.strays[np.ix_(keep, keep)], scatter.shown[keep])
+
+
+class _Look:
+    """The first cycles of a valve against a reference."""
+
+    def __init__(self, y: FloatArray, scatter: Scatter, part: _Part) -> None:
+        self.y, self.scatter, self.part = y, scatter, part
+
+    def compared(self, before: int, since: int) -> tuple[FloatArray, FloatArray]:
+        """Return G (F, F) and the whitener of y2 - G y1, (F, F)."""
+        w, b, s = self.scatter.within, self.scatter.between, self.scatter.strays
+        covariance = b + s + w / min(since, _MOST[1])
+        if not before:
+            return np.zeros_like(b), whitener(covariance)
+        own = b + s + w / min(before, _MOST[0])
+        share: FloatArray = np.asarray(np.linalg.solve(own, b).T, dtype=np.float64)
+        return share, whitener(covariance - share @ b)
+
+    def departs(self) -> tuple[_Change | None, float]:
+        """Return the change that is a fault, None = none, and how far the largest one goes."""
+        count, best, largest = len(self.y), None, 0.0
+        for row in range(min(count - _CONFIRM, _BEGINS) + 1):
+            off, white = self.off(row, count)
+            z = white @ off
+            changes = self.part.changes @ white.T
+            length = np.maximum(np.linalg.norm(changes, axis=1), 1e-12)
+            along = changes @ z / length
+            k = int(np.argmax(along))
+            far = float(along[k])
+            if row and not self._sudden(row, white, changes[k] / length[k]):
+                continue
+            if 0 < row < _BESIDE and not self._leaves(row):
+                continue  # single first cycles may be odd
+            if not self._confirmed(row, white, changes[k] / length[k]):
+                continue
+            largest = max(largest, far)
+            if far > _SHOWN and (best is None or far > best.far):
+                best = _Change(row, k, far)
+        return best, largest
+
+    def off(self, row: int, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return y2 - G y1 of the cycles since a row, (F,), and its whitener."""
+        share, white = self.compared(row, count - row)
+        since = self.y[row:count].mean(axis=0)
+        before = self.before(row)
+        return since - share @ before, white
+
+    def before(self, row: int) -> FloatArray:
+        """Return the middle of the cycles before a row, (F,): one that is odd moves it little."""
+        return np.median(self.y[:row], axis=0) if row else np.zeros(self.y.shape[1])
+
+    def _leaves(self, row: int) -> bool:
+        """Return whether the cycles before a row are nearer to the reference than those since."""
+        _, white = self.compared(0, row)
+        before, since = (white @ y.mean(axis=0) for y in (self.y[:row], self.y[row:]))
+        return float(before @ before) < float(since @ since)
+
+    def _sudden(self, row: int, white: FloatArray, ray: FloatArray) -> bool:
+        """Return whether the cycles beside a row differ by most of what those further off do."""
+        y = self.y @ white.T @ ray
+        whole = float(y[row:].mean() - y[:row].mean())
+        beside = float(y[row : row + _BESIDE].mean() - y[max(row - _BESIDE, 0) : row].mean())
+        return beside > _SUDDEN * whole > 0.0
+
+    def _confirmed(self, row: int, white: FloatArray, ray: FloatArray) -> bool:
+        """Return whether more than half of the cycles since a row show the change."""
+        share, _ = self.compared(row, len(self.y) - row)
+        before = share @ self.before(row)
+        each = (self.y[row:] - before) @ white.T @ ray
+        shown = np.count_nonzero(each > _EACH * each.mean())
+        return bool(each.mean() > 0.0 and shown >= max(_CONFIRM, 0.6 * len(each)))
+
+    def would_show(self, before: int, factor: float) -> bool:
+        """Return whether faults of at least half of the kinds would show in a few cycles.
+
+        Parameters
+        ----------
+        before : int
+            Cycles before them [1].
+        factor : float
+            Their size, in the small one [1].
+        """
+        _, white = self.compared(before, _BESIDE)
+        length = np.linalg.norm(self.part.changes @ white.T, axis=1)
+        table = self.part.table
+        each = []
+        for fault in table.faults:
+            own = [k for k, s in enumerate(table.signatures) if s.fault == fault]
+            least = min(abs(table.signatures[k].severity) for k in own)
+            off = [abs(abs(table.signatures[k].severity) / least - factor) for k in own]
+            each.append(length[own[int(np.argmin(off))]])
+        return float(np.median(each)) > _WITHHELD
+
+
+def departs_by(
+    reference: FeatureReference, own: Mapping[str, float], valve: str
+) -> tuple[float, str]:
+    """Return how far a valve's own first model lies off others', and in what; "" = in nothing.
+
+    Parameters
+    ----------
+    reference : FeatureReference
+        The reference.
+    own : mapping
+        Parameters of its own first model, by name.
+    valve : str
+        Its name.
+    """
+    from scipy.special import stdtrit  # slow to import
+
+    largest, where = 0.0, ""
+    for name, values in reference.models:
+        known = np.array([v for v in values if np.isfinite(v)])
+        if not len(known) or name not in own or reference.valves == (valve,):
+            continue
+        freedom = len(known) - 1 + _PRIOR
+        least = _MODEL * abs(float(known.mean()))
+        square = float(np.sum((known - known.mean()) ** 2)) + _PRIOR * least**2
+        deviation = np.sqrt(square / freedom * (1.0 + 1.0 / len(known)))
+        wider = stdtrit(freedom, 1.0 - _CHANCE) / stdtrit(1e6, 1.0 - _CHANCE)
+        far = abs(own[name] - float(known.mean())) / max(float(deviation * wider), 1e-300)
+        if far > max(_SHOWN, largest):
+            largest, where = float(far), name.removeprefix(PREFIX)
+    return largest, where
+
+
+def _departed(
+    cycles: IntArray,
+    y: FloatArray,
+    count: int,
+    change: _Change,
+    look: _Look,
+    reference: FeatureReference,
+) -> Held:
+    """Name what a valve departs from a reference by."""
+    likelihood, severity, like = _named(look, change)
+    onset, alarm = int(cycles[change.row]), int(cycles[count - 1])
+    end = _over(y, cycles, count, change, look)
+    text = f"judged against {reference.text}: departs from it since cycle {onset}"
+    names = sorted(likelihood, key=lambda n: -likelihood[n])
+    if like < _LIKE:
+        finding = Finding(UNKNOWN, (), "valve", float("nan"), change.far, onset, alarm, end)
+        return Held(finding, True, text)
+    best, other = names[0], partner(names[0])
+    near = _PAIR_RIVAL if other else _RIVAL
+    also = [n for n in names[1:] if likelihood[best] - likelihood[n] < near]
+    rivals = tuple(dict.fromkeys(n for n in (other, *also) if n))
+    part = BY_NAME[best].part
+    finding = Finding(best, rivals, part, severity, change.far, onset, alarm, end)
+    return Held(finding, True, text)
+
+
+def _named(look: _Look, change: _Change) -> tuple[dict[str, float], float, float]:
+    """Return twice the log likelihood by fault, the best one's size, and how like it is."""
+    off, white = look.off(change.row, len(look.y))
+    z, table = white @ off, look.part.table
+    unlike = _UNLIKE**2 * float(z @ z) / len(z)
+    best: dict[str, float] = {}
+    severity, most, like = float("nan"), -np.inf, 0.0
+    for k, signature in enumerate(table.signatures):
+        ray = white @ look.part.changes[k]
+        size = min(max(float(ray @ z) / max(float(ray @ ray), 1e-300), 0.0), table.range(k)[1])
+        size = max(size, table.range(k)[0])
+        left = z - size * ray
+        value = -float(left @ left) / (1.0 + unlike)
+        best[signature.fault] = max(best.get(signature.fault, -np.inf), value)
+        if value > most:
+            most, severity = value, signature.severity * size
+            like = 1.0 - float(left @ left) / max(float(z @ z), 1e-300)
+    return best, severity, like
+
+
+def _over(y: FloatArray, cycles: IntArray, count: int, change: _Change, look: _Look) -> int:
+    """Return the cycle at which a departure was seen to be over, -1 = it lasts."""
+    share, white = look.compared(change.row, count - change.row)
+    before = share @ look.before(change.row)
+    ray = white @ look.part.changes[change.signature]
+    along = (y - before) @ white.T @ (ray / np.linalg.norm(ray))
+    size = float(along[change.row : count].mean())
+    if len(y) < count + _HEAL:
+        return -1
+    back = np.convolve(along[count:] < _BACK * size, np.ones(_HEAL), "valid") == _HEAL
+    if back.any():
+        return int(cycles[count + _HEAL - 1 + int(np.argmax(back))])
+    return -1

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What a stored reference adds to what the features of a valve say of its own past."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Diagnosis, Finding
+from valve_twin.core.diagnosis.given.against import JUDGED, LEAST, Held, departs_by, hold
+from valve_twin.core.diagnosis.given.reference import FEATURE_VERSION, PREFIX, Seen
+from valve_twin.core.diagnosis.reference import YET
+
+if TYPE_CHECKING:
+    from valve_twin.core.diagnosis.given.reference import FeatureReference
+    from valve_twin.core.diagnosis.table import SignatureTable
+    from valve_twin.core.past.columns import Rows
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
+    from valve_twin.core.valves.interface import ValveModel
+
+_LEAST = 8
+_LATELY = 8
+_OF_PRODUCT = 3
+"""Fewest cycles of a product among the first that were held against the reference."""
+
+_ALIKE = 5
+"""Cycles by which the beginnings of a fault may differ that both, past and reference, show."""
+
+
+def unusable(reference: FeatureReference, model: ValveModel, period_s: float = 0.0) -> str:
+    """Return why a reference says nothing of a valve, empty = it does.
+
+    Parameters
+    ----------
+    reference : FeatureReference
+        The reference.
+    model : ValveModel
+        The valve's model.
+    period_s : float
+        Sampling time of its position, 0 = not known [s].
+    """
+    if reference.model != model.name:
+        return f"it is of model '{reference.model}', this valve of '{model.name}'"
+    if reference.features != model.feature_set.names or reference.version != FEATURE_VERSION:
+        return "it holds other features than this version of valve_twin: write it anew"
+    if period_s and abs(reference.period_s / period_s - 1.0) > 1e-3:
+        return (
+            f"it was made at a sampling time of {reference.period_s:g} s, this valve has "
+            f"{period_s:g} s"
+        )
+    return ""
+
+
+def seen_of(shown: Rows, model: ValveModel, valve: str = "") -> Seen:
+    """Return the features of a valve's cycles as they are followed.
+
+    Parameters
+    ----------
+    shown : Rows
+        Features, a cycle a row.
+    model : ValveModel
+        Its model.
+    valve : str
+        Its name.
+    """
+    duration = np.asarray((shown.end_ns - shown.start_ns) * 1e-9, np.float64)
+    return Seen(valve, shown.cycle, duration, model.feature_set.vectors(shown.usable))
+
+
+def first_model(shown: Rows) -> dict[str, float]:
+    """Return the parameters of the first model that features were taken against, by name."""
+    found = {n: shown.value(n) for n in shown.parameters if n.startswith(PREFIX)}
+    known = {n: v[np.isfinite(v)] for n, v in found.items()}
+    return {n: float(v[0]) for n, v in known.items() if len(v)}
+
+
+def judged(
+    found: Diagnosis,
+    shown: Rows,
+    model: ValveModel,
+    table: SignatureTable,
+    reference: FeatureReference,
+    valve: str,
+) -> Diagnosis:
+    """Return a diagnosis and what a stored reference says beside it.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        By the valve's own past.
+    shown : Rows
+        Features since its start, or its last maintenance; a cycle a row.
+    model : ValveModel
+        Its model.
+    table : SignatureTable
+        Signatures of its faults.
+    reference : FeatureReference
+        The reference.
+    valve : str
+        Its name.
+    """
+    if why := unusable(reference, model):
+        return replace(found, against=f"{reference.text} says nothing: {why}")
+    seen = seen_of(shown, model, valve)
+    rows, product = _off(seen, reference)
+    known = product >= 0
+    if not known.any():
+        why = "no cycle is of a product that it holds" if len(rows) else "there is no cycle yet"
+        return replace(found, against=f"{reference.text} says nothing: {why}")
+    cycles = seen.cycles[known]
+    of_any = model.feature_set.of_any_valve
+    held = hold(
+        cycles,
+        rows[known],
+        table,
+        reference,
+        least=LEAST if of_any else _LEAST,
+        valve=valve,
+    )
+    if of_any and held.finding is None:
+        held = _by_model(held, first_model(shown), reference, cycles, valve)
+    if held.finding is not None:
+        new = not _is_known(held.finding, found)
+        findings = (held.finding, *found.findings) if new else found.findings
+        return replace(found, findings=findings, against=held.text)
+    first = product[known][:JUDGED].tolist()
+    lately = product[-_LATELY:]
+    enough = all(first.count(p) >= _OF_PRODUCT for p in lately.tolist() if p >= 0)
+    if held.settled and enough and (product[-2:] >= 0).any() and found.doubt.startswith(YET):
+        found = replace(found, doubt="")
+    return replace(found, against=held.text)
+
+
+def _off(seen: Seen, reference: FeatureReference) -> tuple[FloatArray, IntArray]:
+    """Return features less the centre of the product, (N, F), and its number, -1 = none."""
+    rows = np.full(seen.vectors.shape, np.nan)
+    product = np.full(len(rows), -1, dtype=np.int64)
+    for number, one in enumerate(reference.products):
+        own: BoolArray = one.makes(seen.duration_s) & (product < 0)
+        rows[own], product[own] = seen.vectors[own] - one.centre, number
+    return rows, product
+
+
+def _is_known(finding: Finding, found: Diagnosis) -> bool:
+    """Return whether the own past shows the same: a fault that begins, and lasts or not, alike."""
+    return any(
+        abs(f.onset - finding.onset) <= _ALIKE and f.fault == finding.fault for f in found.findings
+    )
+
+
+def _by_model(
+    held: Held,
+    own: dict[str, float],
+    reference: FeatureReference,
+    cycles: IntArray,
+    valve: str,
+) -> Held:
+    """Hold a valve's own first model against those of the others: its features are none of it."""
+    far, name = departs_by(reference, own, valve)
+    if not name:
+        return held
+    onset = int(cycles[0])
+    finding = Finding(UNKNOWN, (), "valve", float("nan"), far, onset, onset)
+    text = f"judged against {reference.text}: its own first model departs from it in {name}"
+    return Held(finding, True, text)
