@@ -8,11 +8,12 @@ what one says that has been running all the time. Times are the data's own; no c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.aging.altered import altered
 from valve_twin.core.aging.config import AgingConfig, Axis, parse_stop
 from valve_twin.core.aging.covariates import describe_effects, without_conditions
 from valve_twin.core.aging.cutting.memory import Memory
@@ -180,7 +181,7 @@ def assess(
     diagnosis = NOTHING if config.label else diagnose(past, maintenance, *given)
     if any(f.fault == CLOCK for f in diagnosis.findings):
         trends = tuple(
-            replace(_without_forecast(t), reason=f"{t.reason}; no forecast: the clocks run apart")
+            altered(_without_forecast(t), reason=f"{t.reason}; no forecast: the clocks run apart")
             for t in trends
         )
     failed = failed_checks(past, begun_anew(maintenance))
@@ -225,7 +226,7 @@ def _assess_parameter(
         series, history.rows, maintenance, config, numbers=numbers, memory=memory
     )
     pieces = cut(series, maintenance, config, memory)
-    series = replace(series, values=series.values - pieces.wave)
+    series = altered(series, values=series.values - pieces.wave)
     parts = good_parts(series, pieces)
     lines = fit_parts(parts)
     detail = TrendDetail(
@@ -233,16 +234,16 @@ def _assess_parameter(
     )
     trend = _blank(name, parameter.unit, series, pieces, config, valve)
     if not len(series.values):
-        return replace(trend, reason="no accepted estimate yet"), detail
+        return altered(trend, reason="no accepted estimate yet"), detail
     if len(history.axis) > 1:
         ends = history.rows.end_ns[-config.rate_cycles :]
-        trend = replace(trend, cycle_rate=axis_rate(history.axis, ends, len(ends)))
+        trend = altered(trend, cycle_rate=axis_rate(history.axis, ends, len(ends)))
     trend, laws = _judge(
         trend, series, pieces, parts, lines, maintenance, config, confidence, parameter.resolution
     )
     caveats = _caveats(series, pieces, config) + describe_effects(effects) + changed
     caveats += f" ({config.label})" if config.label else ""
-    return replace(trend, reason=trend.reason + caveats), replace(detail, laws=laws)
+    return altered(trend, reason=trend.reason + caveats), altered(detail, laws=laws)
 
 
 def _blank(
@@ -283,13 +284,13 @@ def _judge(
         since = "maintenance" if len(pieces.forced) and pieces.forced[-1] else "the segment began"
         level = _NAN if line is None else line.level(trend.axis_value)
         reason = f"{trend.samples} of {config.min_samples} estimates since {since}"
-        return replace(trend, level=level, reason=reason), None
+        return altered(trend, level=level, reason=reason), None
     present = present_segment(series, pieces, parts[-1], line, config.laws)
     line = present.line
     lines = (*lines[:-1], line)
     reference = find_reference(trend.parameter, series, pieces, lines, maintenance, config)
     doubt = np.hypot(WAVE_DOUBT * float(np.ptp(pieces.wave)), MOVES * series.systematic)
-    reference = replace(reference, variance=reference.variance + float(doubt) ** 2)
+    reference = altered(reference, variance=reference.variance + float(doubt) ** 2)
     trend = _with_line(trend, line, present.fit)
     trend = with_drift(trend, present, reference, resolution)
     held = held_limits(reference, pieces, parts, lines, config, trend.parameter)
@@ -308,17 +309,17 @@ def _judge(
     if not _is_sure(trend, limit, begun=begun):
         trend = _without_forecast(trend)
     drifting = line.p_value < config.significance
-    trend = replace(
+    trend = altered(
         trend,
         share_lost=max((x.share for x in lost), default=_NAN),
         status=TrendStatus.DRIFTING if drifting else TrendStatus.STEADY,
     )
     if limit.beyond:
         trend = _beyond(trend, held=bool(held.alarm))
-    trend = replace(trend, limit_state=limit_state(trend, lost, held, config))
+    trend = altered(trend, limit_state=limit_state(trend, lost, held, config))
     if not limit.beyond and trend.remaining_low < SOON and not concern(trend, config):
         trend = _without_forecast(trend)  # it may be reached now, and is not beyond doubt
-    return replace(trend, reason=_reason(trend)), present.fit
+    return altered(trend, reason=_reason(trend)), present.fit
 
 
 def _beyond(trend: Trend, *, held: bool) -> Trend:
@@ -328,8 +329,8 @@ def _beyond(trend: Trend, *, held: bool) -> Trend:
     """
     low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
     if low <= 0.0 <= high and not (held or trend.share_lost > 0.0):
-        return replace(_without_forecast(trend), remaining_low=0.0, remaining_median=float("inf"))
-    return replace(trend, status=TrendStatus.BEYOND_THRESHOLD)
+        return altered(_without_forecast(trend), remaining_low=0.0, remaining_median=float("inf"))
+    return altered(trend, status=TrendStatus.BEYOND_THRESHOLD)
 
 
 def _with_line(trend: Trend, line: Line, fit: LawFit) -> Trend:
@@ -339,7 +340,7 @@ def _with_line(trend: Trend, line: Line, fit: LawFit) -> Trend:
         line.mean_interval(trend.axis_value),
         line.prediction_interval(trend.axis_value),
     )
-    return replace(
+    return altered(
         trend,
         level=line.level(trend.axis_value),
         slope=line.slope,
@@ -368,7 +369,7 @@ def _with_life(trend: Trend, limit: Limit, config: AgingConfig) -> Trend:
     if limit.approach is not None and np.isfinite(ahead):
         stop = limit.approach.before(ahead)
     date = date_after(trend.stamp_ns, life.median, rate)
-    return replace(
+    return altered(
         trend,
         next_stop_probability=stop,
         threshold=limit.value,
@@ -400,7 +401,7 @@ def _is_sure(trend: Trend, limit: Limit, *, begun: bool) -> bool:
 
 def _without_forecast(trend: Trend) -> Trend:
     """Take the upper limit of the remaining life away, and the dates that rest on it."""
-    return replace(
+    return altered(
         trend,
         unbounded=True,
         remaining_high=float("inf") if np.isfinite(trend.threshold) else trend.remaining_high,

@@ -9,11 +9,12 @@ enters the limits of the drift and of the remaining life.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from valve_twin.core.aging.altered import altered
 from valve_twin.core.aging.config import AgingConfig, Threshold
 from valve_twin.core.aging.laws.ar1 import ar1_leading, ar1_product
 from valve_twin.core.aging.laws.fit import fit_laws
@@ -291,7 +292,7 @@ def with_drift(
         ),
         resolution,
     )
-    return replace(
+    return altered(
         trend,
         reference=reference.value,
         reference_source=reference.source,
@@ -342,14 +343,15 @@ def nearest_limit(
     held, warned : sequence of Threshold
         Those that count as passed, and those whose warning limit does (`core.aging.limits`).
     """
+    wanted = wanted_limits(config, trend.parameter)
+    known = _known_of(present.fit, reference) if wanted else None
     limits = [
-        (t, _life_to(t, trend, present, reference, confidence))
-        for t in wanted_limits(config, trend.parameter)
+        (t, _life_to(t, trend, present, reference, confidence, known)) for t in wanted if known
     ]
     usable = [
         (
             t in warned,
-            replace(
+            altered(
                 _passed(m) if t in held else m,
                 warning=reference.value + config.warning_share(t) * (m.value - reference.value),
             ),
@@ -374,7 +376,7 @@ def nearest_limit(
 def _passed(limit: Limit) -> Limit:
     """Return a limit as one that is passed: nothing remains to it."""
     low, high = limit.remaining.low, limit.remaining.high
-    return replace(limit, beyond=True, remaining=Remaining(low, 0.0, high))
+    return altered(limit, beyond=True, remaining=Remaining(low, 0.0, high))
 
 
 def wanted_limits(config: AgingConfig, parameter: str) -> list[Threshold]:
@@ -385,8 +387,30 @@ def wanted_limits(config: AgingConfig, parameter: str) -> list[Threshold]:
     return [Threshold(parameter, sign * config.default_percent) for sign in (-1.0, 1.0)]
 
 
+class _Known(NamedTuple):
+    """Variances of level and change of every shape, and covariances with the reference, (K,)."""
+
+    level: FloatArray
+    both: FloatArray
+    change: FloatArray
+    level_reference: FloatArray
+    change_reference: FloatArray
+
+
+def _known_of(fit: LawFit, reference: Reference) -> _Known:
+    rho, squares = fit.autocorrelation, fit.sigma**2
+    weights = (fit.level_weights, fit.change_weights)
+    shared = (reference.covariances(rows, squares, rho) for rows in weights)
+    return _Known(*fit.covariances(), *shared)
+
+
 def _life_to(
-    threshold: Threshold, trend: Trend, present: Present, reference: Reference, confidence: float
+    threshold: Threshold,
+    trend: Trend,
+    present: Present,
+    reference: Reference,
+    confidence: float,
+    known: _Known,
 ) -> Limit:
     """Return one threshold and what remains to it; a relative one shares the reference's doubt."""
     if threshold.relative:
@@ -398,29 +422,18 @@ def _life_to(
         scale, value = 0.0, threshold.value
     if not np.isfinite(value):
         return NO_LIMIT
-    known = np.isfinite(reference.value)
-    new = reference.value if known else present.start
+    new = reference.value if np.isfinite(reference.value) else present.start
     toward = 1.0 if value >= new else -1.0
-    approach = _approach(present.fit, trend.axis_value, value, toward, scale, reference)
+    fit = present.fit
+    approach = Approach(
+        fit=fit,
+        now=trend.axis_value,
+        gap=toward * (fit.level - value),
+        change=toward * fit.change,
+        var_gap=known.level - 2.0 * scale * known.level_reference + scale**2 * reference.variance,
+        cov=known.both - scale * known.change_reference,
+        var_change=known.change,
+    )
     life = approach.remaining(confidence)
     limit = Limit(value, False, life, approach)
     return _passed(limit) if toward * (value - trend.level) <= 0.0 else limit
-
-
-def _approach(
-    fit: LawFit, now: float, value: float, toward: float, scale: float, reference: Reference
-) -> Approach:
-    """Return the way of the laws to a limit that is `scale` times the reference."""
-    rho, squares = fit.autocorrelation, fit.sigma**2
-    low, cross, high = fit.covariances()
-    weights = (fit.level_weights, fit.change_weights)
-    level, change = (reference.covariances(rows, squares, rho) for rows in weights)
-    return Approach(
-        fit=fit,
-        now=now,
-        gap=toward * (fit.level - value),
-        change=toward * fit.change,
-        var_gap=low - 2.0 * scale * level + scale**2 * reference.variance,
-        cov=cross - scale * change,
-        var_change=high,
-    )

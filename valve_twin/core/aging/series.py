@@ -328,9 +328,9 @@ def cut(
         outlier[part], wave[part] = found.outlier, found.wave
         period = found.period
         starts.extend(first + found.starts)
-    outlier[:oldest] = find_outliers(
-        series.axis[:oldest], series.values[:oldest], config.outlier_sigma
-    )
+    if oldest:
+        old = slice(oldest)
+        outlier[old] = find_outliers(series.axis[old], series.values[old], config.outlier_sigma)
     where = np.array(starts, dtype=np.int64)
     return Pieces(where, np.isin(where, sorted(events)), outlier, wave, period)
 

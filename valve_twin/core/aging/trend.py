@@ -14,6 +14,7 @@ intervals.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -138,6 +139,7 @@ class Line:
         return value - half, value + half
 
 
+@lru_cache(maxsize=256)
 def quantile(freedom: float, confidence: float) -> float:
     """Return the two-sided quantile of Student's t for `freedom` degrees of freedom [1]."""
     from scipy.special import stdtrit  # slow to import

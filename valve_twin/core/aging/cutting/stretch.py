@@ -174,11 +174,14 @@ def extend(known: Search, x: FloatArray, y: FloatArray, config: AgingConfig) -> 
         return None
     outlier = np.concatenate([found.outlier, new])
     if known.pieces < config.max_segments:
-        good = known.straight + np.flatnonzero(~outlier[known.straight :])
+        newest = outlier[known.straight :]
+        good: IntArray | slice = slice(known.straight, None)
+        if newest.any():
+            good = known.straight + np.flatnonzero(~newest)
+        u, v = x[good], y[good]
         count = len(x) - int(np.count_nonzero(outlier))
         floor = count * (RESOLUTION * float(np.abs(y[-1]))) ** 2 + TINY
-        first = int(np.searchsorted(good, done - _BEFORE))
-        u, v = x[good], y[good]
+        first = int(np.count_nonzero(~newest[: max(done - _BEFORE - known.straight, 0)]))
         place = _split(u, v, first, config.min_segment)
         if place:
             one, two = (_score(known, u, v, cut, floor) for cut in ((), (place,)))

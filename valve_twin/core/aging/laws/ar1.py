@@ -11,7 +11,7 @@ import numpy as np
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import FloatArray
+    from valve_twin.core.types import FloatArray, IntArray
 
 _NOTHING = 1e-300  # what is left of a vector that has ended adds nothing to a product
 
@@ -83,3 +83,37 @@ def ar1_forms(u: FloatArray, v: FloatArray, rho: float) -> FloatArray:
             behind_u, behind_v = a + rho * behind_u, b + rho * behind_v
         out[0, k], out[1, k], out[2, k] = first, cross, second
     return out
+
+
+@njit(cache=True)
+def shape_weights(
+    g: FloatArray,
+    kept: IntArray,
+    fits: FloatArray,
+    rho: float,
+    level: FloatArray,
+    change: FloatArray,
+) -> FloatArray:
+    """Write the weights that give level and change of some shapes; return their `ar1_forms`.
+
+    Parameters
+    ----------
+    g : (J, N) array
+        Shapes [1].
+    kept : (K,) int64 array
+        Which of them [1].
+    fits : (K, 4) array
+        Means, sums of squares and whatever else of these, see `core.aging.laws.shapes.squares`.
+    rho : float
+        Autocorrelation between neighbours [1].
+    level, change : (K, N) arrays
+        Take the weights [1].
+    """
+    n = g.shape[1]
+    for k in range(len(kept)):
+        mean, square = fits[k, 0], fits[k, 1]
+        last = g[kept[k], n - 1] - mean
+        for i in range(n):
+            change[k, i] = (g[kept[k], i] - mean) / square
+            level[k, i] = 1.0 / n + last * change[k, i]
+    return ar1_forms(level, change, rho)

@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging.laws.ar1 import ar1_forms, ar1_product
+from valve_twin.core.aging.laws.ar1 import ar1_forms, ar1_product, shape_weights
 from valve_twin.core.aging.laws.shapes import (
     LEAST,
     TEMPER,
@@ -21,6 +22,7 @@ from valve_twin.core.aging.laws.shapes import (
     whitened,
 )
 from valve_twin.core.aging.trend import RESOLUTION, TINY, Base, base_of, pooled_autocorrelation
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -56,8 +58,13 @@ class _Shapes:
     @property
     def weight(self) -> FloatArray:
         """Return the evidence, which sums to 1, (K,) [1]."""
-        weight = np.exp(self.score - self.score.max())
-        return np.asarray(weight / weight.sum())
+        return _evidence(self.score)
+
+
+def _evidence(score: FloatArray) -> FloatArray:
+    """Return (K,) scores as evidence that sums to 1 [1]."""
+    weight = np.exp(score - score.max())
+    return np.asarray(weight / weight.sum())
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,19 +104,43 @@ class _Data:
         return _Shapes(law, number, prior, g, fits, score)
 
 
+@lru_cache(maxsize=4)
+def _curves_of_grid(laws: tuple[str, ...], places: bytes) -> FloatArray:
+    """Return the curves of every shape of some laws (K, N): parameters of a valve share places."""
+    law, number, _ = grid(laws)
+    return curves(law, number, np.array(np.frombuffer(places)))
+
+
+@njit(cache=True)
+def _sharpest(laws: IntArray, law: int, number: FloatArray, weight: FloatArray) -> IntArray:
+    """Return the shape of a law that alone has its evidence, and its neighbours; empty = none."""
+    total, count, best = 0.0, 0, -1
+    for i in range(len(laws)):
+        if laws[i] == law:
+            total, count = total + weight[i], count + 1
+            if best < 0 or weight[i] > weight[best]:
+                best = i
+    none = np.empty(0, np.int64)
+    if count < 3 or total < LEAST or weight[best] < _CONCENTRATED * total:
+        return none
+    low, high = -1, -1
+    for i in range(len(laws)):
+        if laws[i] == law and number[i] < number[best] and (low < 0 or number[i] > number[low]):
+            low = i
+        if laws[i] == law and number[i] > number[best] and (high < 0 or number[i] < number[high]):
+            high = i
+    near = np.array([low, best, high])
+    return near[near >= 0]
+
+
 def _refined(shapes: _Shapes, data: _Data) -> _Shapes:
     """Put more shapes between those of a law of which one alone has the evidence."""
+    weight = shapes.weight
     for law in range(1, _LAWS):
         for _ in range(_REFINEMENTS):
-            own = np.flatnonzero(shapes.law == law)
-            weight = shapes.weight
-            if len(own) < 3 or weight[own].sum() < LEAST:
+            near = _sharpest(shapes.law, law, shapes.number, weight)
+            if not len(near):
                 break
-            own = own[np.argsort(shapes.number[own])]
-            best = int(np.argmax(weight[own]))
-            if weight[own[best]] < _CONCENTRATED * weight[own].sum():
-                break
-            near = own[max(best - 1, 0) : best + 2]
             ends = np.log(shapes.number[near[[0, -1]]])
             number = np.exp(np.linspace(ends[0], ends[1], _BETWEEN))
             prior = np.full(_BETWEEN, shapes.prior[near].sum() / _BETWEEN)
@@ -117,6 +148,7 @@ def _refined(shapes: _Shapes, data: _Data) -> _Shapes:
             others = np.ones(len(shapes.law), np.bool_)
             others[near] = False
             shapes = shapes.part(np.flatnonzero(others)).joined(fresh)
+            weight = shapes.weight
     return shapes
 
 
@@ -157,34 +189,38 @@ def fit_laws(
     free = y if base is None else base.without(y)
     floor = n * (RESOLUTION * float(np.abs(y).max())) ** 2 + TINY
     data, rest = _Data(u, free, 0.0, floor, base), np.empty(n)
-    bare = data.bare(law, number)
+    bare = _curves_of_grid(tuple(laws), u.tobytes())
+    bare = bare if base is None else base.without(bare)
     fitted = squares(bare, free, rest)
     if autocorrelation is None:
         autocorrelation = pooled_autocorrelation([rest])
     used = max(autocorrelation, 0.0)
     data = replace(data, rho=used)
     shapes = _refined(data.shapes(law, number, prior, (bare, fitted)), data)
-    line = float(shapes.weight[shapes.law == 0].sum())
-    rising = np.argsort(shapes.weight, kind="stable")
-    kept = shapes.part(np.sort(rising[np.cumsum(shapes.weight[rising]) > LEAST]))
-    fits, one = kept.fits, np.full(n, 1.0 / n)
-    change_weights = (kept.curves - fits[:, :1]) / fits[:, 1:2]
+    weight = shapes.weight
+    line = float(weight[shapes.law == 0].sum())
+    rising = np.argsort(weight, kind="stable")
+    kept = np.sort(rising[np.cumsum(weight[rising]) > LEAST])
+    law, number, fits = shapes.law[kept], shapes.number[kept], shapes.fits[kept]
     if base is None:
-        level_weights = one + (kept.curves[:, -1:] - fits[:, :1]) * change_weights
+        level_weights, change_weights = np.empty((2, len(kept), n))
+        forms = shape_weights(shapes.curves, kept, fits, used, level_weights, change_weights)
+        one = np.full(n, 1.0 / n)
         taken = n * ar1_product(one, one, used)
     else:
-        shape = curves(kept.law, kept.number, u)
+        change_weights = (shapes.curves[kept] - fits[:, :1]) / fits[:, 1:2]
+        shape = curves(law, number, u)
         level_weights = base.level + (shape[:, -1:] - shape @ base.level[:, None]) * change_weights
         taken = base.share(used)
-    forms = ar1_forms(level_weights, change_weights, used)
+        forms = ar1_forms(level_weights, change_weights, used)
     lost = taken + fits[:, 1] * forms[2]
     variance = (fits[:, 3] + floor) / np.maximum(n - lost, 0.5)
     return LawFit(
         start=start,
         length=length,
-        law=kept.law,
-        number=kept.number,
-        weight=kept.weight,
+        law=law,
+        number=number,
+        weight=_evidence(shapes.score[kept]),
         level=level_weights @ y,
         change=fits[:, 2],
         level_weights=level_weights,
