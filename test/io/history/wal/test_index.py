@@ -311,3 +311,69 @@ def test_an_index_of_many_parts_is_as_long_as_before(left, tmp_path):
         assert os.stat(f"{file}-shm").st_size == size_b
         assert connection.execute("SELECT count(*) FROM cycle").fetchone() == (len(rows),)
         assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+
+
+_FOREIGN = """
+import sqlite3, sys
+connection = sqlite3.connect(sys.argv[1])
+print(connection.execute("SELECT count(*) FROM cycle").fetchone()[0])
+"""
+
+
+@pytest.mark.parametrize("left_b", [0, 136, 5000, 20_000])
+@pytest.mark.parametrize("opens", ["the writer", "a new process"])
+def test_an_index_that_another_program_met_cut_is_told_and_nothing_is_lost(
+    left_b, opens, tmp_path, caplog
+):
+    """It makes it as long again: zeros stood for frames, and every cycle of the log was lost."""
+    file = tmp_path / "h.sqlite"
+    with History(file) as history:
+        for cycle in range(1, 40):
+            history.store("/v", CycleRecord(cycle, 0, cycle, 850))
+        os.truncate(f"{file}-shm", left_b)
+        shown = subprocess.run(
+            [sys.executable, "-c", _FOREIGN, file], capture_output=True, text=True, check=False
+        )
+        assert os.stat(f"{file}-shm").st_size == 32768
+        if opens == "a new process":
+            done = subprocess.run(
+                [sys.executable, "-c", _READ, file], capture_output=True, text=True, check=True
+            )
+            assert done.stdout.strip() == "39"
+        assert history.store("/v", CycleRecord(40, 0, 40, 850))
+        told = [*history.notices, *caplog.messages]
+    assert shown.stdout.strip() in {"39", ""}
+    if opens == "the writer" and left_b:
+        assert any("its index (-shm) was truncated" in text for text in told)
+    with History(file, read_only=True) as history:
+        assert [c.cycle for c in history.cycles("/v")] == list(range(1, 41))
+    with closing(sqlite3.connect(file)) as connection:
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+
+
+_READ = """
+import sys
+from valve_twin.io.history.store import History
+with History(sys.argv[1], read_only=True) as history:
+    print(len(history.cycles("/v")))
+"""
+
+
+def test_a_look_at_a_sound_index_finds_every_frame(tmp_path):
+    """Also while it grows over a region, is taken in, and begins anew."""
+    file = tmp_path / "h.sqlite"
+    with History(file) as history, closing(sqlite3.connect(file)) as other:
+        watch = IndexWatch(f"{file}-wal")
+        watch.adopt()
+        other.execute("CREATE TABLE filled (x)")
+        other.execute("PRAGMA wal_autocheckpoint = 100000")
+        for turn in range(12):
+            other.execute("INSERT INTO filled VALUES (zeroblob(3500000))")
+            other.commit()
+            assert watch.state() is State.SOUND
+            assert not watch._lacks_frames()
+            if turn in {5, 9}:
+                other.execute("PRAGMA wal_checkpoint(RESTART)")
+                assert not watch._lacks_frames()
+        assert os.stat(f"{file}-shm").st_size > 32768
+        assert history.store("/v", CycleRecord(1, 0, 1, 850))

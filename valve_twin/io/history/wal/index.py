@@ -14,6 +14,8 @@ from contextlib import contextmanager, nullcontext, suppress
 from enum import Enum
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from valve_twin.io.history.wal.frames import (
     HEADER_B,
     index_of,
@@ -62,7 +64,7 @@ class IndexWatch:
     def forget(self) -> None:
         """Know nothing of it: what is there next is the one in use."""
         self._identity: tuple[int, int] | None = None
-        self._size_b = 0
+        self._size_b = self._changed_ns = 0
 
     def adopt(self) -> None:
         """Take the one that is there for the one in use, where none is known.
@@ -91,6 +93,11 @@ class IndexWatch:
             return State.LOST
         if status.st_size < self._size_b:
             return State.CUT
+        if status.st_ctime_ns != self._changed_ns:  # also where its size is what it was
+            self._changed_ns = status.st_ctime_ns
+            if self._lacks_frames():
+                self._changed_ns = 0
+                return State.CUT
         self._size_b = status.st_size
         return State.SOUND
 
@@ -109,6 +116,8 @@ class IndexWatch:
                 index = read_index(self._log)
                 if index and index.frames and os.stat(self._path).st_size < _size_b(index.frames):
                     self.restore()
+            elif self._lacks_frames():
+                self.restore()
 
     def restore(self) -> None:
         """Make a cut one as long as before and empty: SQLite then makes it anew from the log.
@@ -145,6 +154,19 @@ class IndexWatch:
             return name in maps.read()
         return False
 
+    def _lacks_frames(self) -> bool:
+        """Return whether it counts frames that it does not lead to.
+
+        So it is where another program met it cut: SQLite makes it as long again, with zeros.
+        """
+        with suppress(OSError):
+            index = read_index(self._log)
+            if index is None or not index.frames:
+                return False
+            held = os.pread(keep_open(self._path), _size_b(index.frames), 0)
+            return not _leads_to(held, index.frames) and read_index(self._log) == index
+        return False
+
     def _least_b(self) -> int:
         """Return how long it is at least for as many frames as the log may hold [B]."""
         with suppress(OSError), open(self._log, "rb") as log:
@@ -157,6 +179,23 @@ class IndexWatch:
 
 def _size_b(frames: int) -> int:
     return _REGION_B * (1 + -(-max(frames - _FIRST_FRAMES, 0) // _FRAMES))
+
+
+def _leads_to(held: bytes, frames: int) -> bool:
+    """Return whether an index holds the page of each frame, and a place in its table for it."""
+    base = 0
+    for at in range(0, _size_b(frames), _REGION_B):
+        head = 0 if at else _HEAD_B
+        count = min(frames - base, _FRAMES if at else _FIRST_FRAMES)
+        region = held[at : at + _REGION_B]
+        if len(region) < _REGION_B:
+            return False
+        pages = np.frombuffer(region, np.uint32, count, head)
+        table = np.frombuffer(region, np.uint16, offset=_REGION_B // 2)
+        if not pages.all() or np.count_nonzero((table > 0) & (table <= count)) != count:
+            return False
+        base += count
+    return True
 
 
 @contextmanager
