@@ -2,8 +2,12 @@
 # Copyright 2026 valve_twin maintainers
 """What every test shares: deterministic properties and the marker of the tests that need ROS 2."""
 
-from collections.abc import Generator
+import fcntl
+import hashlib
+import pickle
+from collections.abc import Callable, Generator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -12,8 +16,36 @@ ROOT = Path(__file__).resolve().parent.parent
 NODES = ROOT / "test" / "nodes"
 LIVE = (NODES, *(ROOT / "test" / name for name in ("demo", "bench", "test_packaging.py")))
 """Where tools/check looks for tests marked `ros` or `alone`."""
-LENGTHY = tuple(NODES / f"{name}.py" for name in ("test_soak", "test_kill", "gateway/test_node"))
-"""Modules of minutes and few tests: begun first, for behind them the last process works alone."""
+LENGTHY = {
+    ROOT / "test" / f"{name}.py": place
+    for place, name in enumerate(
+        (
+            *("core/diagnosis/generic/test_campaign", "io/configure/test_survey"),
+            *("core/valves/test_check", "core/aging/test_coverage"),
+            *("core/diagnosis/watch/test_memory", "core/diagnosis/generic/test_signatures"),
+            *("core/valves/double_solenoid/dimensions/test_estimate", "core/aging/test_campaign"),
+            *("core/valves/stepper_servo/test_model", "io/configure/test_made"),
+            *("io/configure/test_proposal", "core/valves/servo_system/test_model"),
+            # those that wait for others stand between those that compute
+            *("gateway/opcua/test_server", "test_design_page", "cli/design/test_export"),
+            *("gateway/mqtt/test_face", "validation/test_solenoid", "design/test_chain"),
+            *("gateway/test_browser", "validation/strangers/test_campaign", "cli/test_main"),
+            *("io/batch/test_archive", "test_real_valves_pilot", "cli/test_strangers"),
+            *("gateway/fmu/test_export", "test_readme", "io/history/tiers/test_condense"),
+            *("gateway/foxglove/test_face", "io/instruments/test_read", "io/test_limits"),
+            *("io/history/test_claim", "test_real_valves", "io/history/test_restart"),
+            *("gateway/test_web", "io/fmu/test_plant", "io/history/test_history_processes"),
+            *("nodes/test_soak", "nodes/test_kill", "nodes/gateway/test_node"),
+            *("nodes/twin/test_node", "nodes/test_rough_inputs", "nodes/test_opcua_chain"),
+            *("nodes/test_history_trouble", "nodes/test_live", "nodes/runtime/test_node"),
+            *("nodes/twin/history/test_upkeep", "nodes/test_real_valves_live"),
+            *("nodes/test_live_actuator", "nodes/test_history_server"),
+            *("nodes/twin/test_estimate_wait", "nodes/test_same_bits"),
+        )
+    )
+}
+"""Modules of half a minute and more, about the longest of each step of tools/check first: begun
+before all others, for behind one that comes late the other processes have nothing to do."""
 
 hypothesis.settings.register_profile(
     "deterministic",
@@ -37,7 +69,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if marks & {"ros", "alone"} and not {item.path, *item.path.parents} & set(LIVE):
             msg = f"{item.nodeid}: tools/check does not look for tests marked ros or alone here"
             raise pytest.UsageError(msg)
-    items.sort(key=lambda item: item.path not in LENGTHY)
+    items.sort(key=lambda item: LENGTHY.get(item.path, len(LENGTHY)))
 
 
 @pytest.hookimpl(wrapper=True)
@@ -51,6 +83,47 @@ def pytest_runtest_setup(item: pytest.Item) -> Generator[None]:
         return (yield)
     finally:
         tracing.resume()
+
+
+def once(function: Callable[..., Any], folder: Path) -> Callable[..., Any]:
+    """Return a function that computes what it was not yet asked for, in any process of this run.
+
+    What it answers is kept by the bytes of all arguments: of equal ones only the first call
+    computes, the others wait for it, and each gets a copy of its own.
+    """
+
+    def ask(*arguments: Any, **named: Any) -> Any:
+        asked = pickle.dumps((function.__qualname__, arguments, sorted(named.items())))
+        path = folder / hashlib.sha256(asked).hexdigest()
+        with path.with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # goes with its process
+            if not path.exists():
+                part = path.with_suffix(".part")
+                part.write_bytes(pickle.dumps(function(*arguments, **named)))
+                part.replace(path)
+        return pickle.loads(path.read_bytes())
+
+    return ask
+
+
+@pytest.fixture(scope="session")
+def shared_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """Return a folder that all processes of this run have in common."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base if worker_id == "master" else base.parent) / "shared"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+@pytest.fixture
+def transients_once(shared_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compute each transient field of a solenoid once a run: 4 s of CPU for the same numbers."""
+    from valve_twin.design import chain
+    from valve_twin.design.dynamics import eddies
+    from valve_twin.design.field import run_transient
+
+    for module in (chain, eddies):
+        monkeypatch.setattr(module, "run_transient", once(run_transient, shared_folder))
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,8 @@ import re
 import shlex
 from pathlib import Path
 
+import pytest
+
 from valve_twin.cli import main
 from valve_twin.design import chain
 from valve_twin.design.map import MapGrid
@@ -15,6 +17,7 @@ from valve_twin.design.wear import compute_wear
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "design.md"
 GRID = MapGrid(currents=4, positions=4, fine=0.3)
+pytestmark = pytest.mark.usefixtures("transients_once")
 COARSE = {
     "map": ["--currents", "4", "--positions", "4", "--fine", "0.3"],
     "transient": ["--fine", "0.3", "--step", "4e-4"],

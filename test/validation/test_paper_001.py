@@ -6,17 +6,13 @@ from __future__ import annotations
 
 import pytest
 
-from valve_twin.validation import Verdict, get_paper
+from valve_twin.validation import Verdict
 from valve_twin.validation.paper_001 import pulse, throw
 
 
 @pytest.fixture(scope="module")
-def checks():
-    advanced: list[int] = []
-    paper = get_paper("001")
-    found = paper.recompute(lambda: advanced.append(1))
-    assert len(advanced) == paper.steps
-    return {c.quantity: c for c in found}
+def checks(recomputed):
+    return {c.quantity: c for c in recomputed("001")}
 
 
 def test_nothing_that_can_be_recomputed_fails(checks):

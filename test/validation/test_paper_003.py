@@ -9,17 +9,13 @@ import pytest
 from valve_twin.core.valves.servo_system.dynamics import XP
 from valve_twin.core.valves.servo_system.loops import FREQUENCIES_HZ, valve_loop
 from valve_twin.core.valves.servo_system.plant import ServoSystemPlant
-from valve_twin.validation import Verdict, get_paper
+from valve_twin.validation import Verdict
 from valve_twin.validation.paper_003 import step_response
 
 
 @pytest.fixture(scope="module")
-def checks():
-    advanced: list[int] = []
-    paper = get_paper("003")
-    found = paper.recompute(lambda: advanced.append(1))
-    assert len(advanced) == paper.steps
-    return found
+def checks(recomputed):
+    return recomputed("003")
 
 
 def test_nothing_that_can_be_recomputed_fails(checks):

@@ -7,17 +7,13 @@ from __future__ import annotations
 import pytest
 
 from valve_twin.core.valves.stepper_servo.plant import StepperServoPlant
-from valve_twin.validation import Verdict, get_paper
+from valve_twin.validation import Verdict
 from valve_twin.validation.paper_004 import track_sine
 
 
 @pytest.fixture(scope="module")
-def checks():
-    advanced: list[int] = []
-    paper = get_paper("004")
-    found = paper.recompute(lambda: advanced.append(1))
-    assert len(advanced) == paper.steps
-    return {c.quantity: c for c in found}
+def checks(recomputed):
+    return {c.quantity: c for c in recomputed("004")}
 
 
 def test_nothing_that_can_be_recomputed_fails(checks):

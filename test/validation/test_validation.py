@@ -10,14 +10,14 @@ import re
 
 import pytest
 
-from valve_twin.validation import Kind, Verdict, counted, get_paper, paper_numbers
+from valve_twin.validation import Kind, Verdict, counted, paper_numbers
 
 NUMBER = re.compile(r"(?<![\w.])-?\d+(\.\d+)?(e-?\d+)?(?![\w])")
 
 
 @pytest.fixture(scope="module")
-def checks():
-    return {n: get_paper(n).recompute(lambda: None) for n in paper_numbers()}
+def checks(recomputed):
+    return {n: recomputed(n) for n in paper_numbers()}
 
 
 @pytest.fixture

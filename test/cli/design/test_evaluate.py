@@ -12,6 +12,8 @@ from valve_twin.cli import main
 from valve_twin.design import chain
 from valve_twin.design.map import MapGrid
 
+pytestmark = pytest.mark.usefixtures("transients_once")
+
 
 def test_it_prints_the_steps_and_draws_them(tmp_path, capsys, monkeypatch):
     quick = chain.Fidelity(MapGrid(currents=4, positions=4, fine=0.3), fine=0.3, step=4e-4)

@@ -17,6 +17,8 @@ from valve_twin.design.map import MapGrid, compute_map, write_map
 from valve_twin.design.wear import compute_wear
 from valve_twin.io.config.valve import load_config
 
+pytestmark = pytest.mark.usefixtures("transients_once")
+
 
 @pytest.fixture(scope="module")
 def coarse(tmp_path_factory):
