@@ -22,6 +22,8 @@ from mcap.records import Schema
 
 from test.bag_samples import write_sample
 from test.io.instruments import foreign_files
+from test.io.instruments.unseen import may_be as unseen
+from test.io.instruments.unseen import may_be_text, places_of, touched
 from test.peak import forget_peak, peak_mb
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.io.bags.definitions import definition
@@ -40,6 +42,8 @@ from valve_twin.io.tables.csv import read_table
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
+
+    from valve_twin.io.instruments.table import Recording
 
 START_NS = 1_577_836_800_000_000_000
 SOURCES = [SignalSource("position", "/press/position"), SignalSource("command", "/press/command")]
@@ -95,6 +99,7 @@ class Tally:
     refused: int = 0
     told: int = 0
     same: int = 0
+    unseen: int = 0
     tracebacks: list[str] = field(default_factory=list)
     silent: list[str] = field(default_factory=list)
     slow: list[str] = field(default_factory=list)
@@ -165,7 +170,9 @@ def campaign(subject: Subject, folder: Path, seed: int, count: int) -> Tally:
                     tally.told += 1
                 elif found == sound:
                     tally.same += 1
-                elif not subject.may_be(found, sound, data):
+                elif subject.may_be(found, sound, data):
+                    tally.unseen += 1
+                else:
                     tally.silent.append(case)
             if time.process_time() - begin > LONGEST_S:
                 tally.slow.append(case)
@@ -339,19 +346,75 @@ def history(folder: Path) -> Subject:
 
 
 def recording(kind: str, suffix: str, folder: Path) -> Subject:
-    """Return a file of an instrument: most have no check sums, so that a number may be another."""
+    """Return a file of an instrument: what was read of it without a word is what was written.
+
+    Most have no check sums, so that a number or a name may be another one where just its bytes
+    were changed, see `unseen`.
+    """
     made = folder / "made"
     made.mkdir()
-    getattr(foreign_files, kind)(made / f"a{suffix}")
+    place = made / f"a{suffix}"
+    getattr(foreign_files, kind)(place)
+    data = place.read_bytes()
+    places = None if kind == "text" else places_of(kind, place)
 
     def read(path: Path) -> object:
         found = read_recording(path)
-        if found.notices:
+        if found.notices or not found.measured:
             logging.getLogger("valve_twin").warning("told")
-        return [(c.name, c.seconds.tobytes(), c.values.tobytes()) for c in found.columns]
+        return Shown(found)
 
-    data = (made / f"a{suffix}").read_bytes()
-    return Subject(f"a{suffix}", data, read, lambda *_: True)
+    def may_be(found: object, before: object, mutated: bytes) -> bool:
+        assert isinstance(found, Shown)
+        assert isinstance(before, Shown)
+        if places is None:
+            return may_be_text(found.recording, before.recording, mutated, data)
+        if len(mutated) != len(data):
+            return False
+        return unseen(found.recording, before.recording, places, touched(data, mutated))
+
+    return Subject(place.name, data, read, may_be)
+
+
+def sqlite_bag(folder: Path) -> Subject:
+    """Return a bag of storage sqlite3, whose rows stand under no check sum."""
+    own = folder / "sqlite"
+    foreign_files.sqlite_bag(own)
+    place = next(own.glob("*.db3"))
+    data, places = place.read_bytes(), places_of("sqlite", place)
+
+    def read(path: Path) -> object:
+        found = read_recording(path.parent)
+        if found.notices or found.clock != "header stamps":
+            logging.getLogger("valve_twin").warning("told")
+        return Shown(found)
+
+    def may_be(found: object, before: object, mutated: bytes) -> bool:
+        assert isinstance(found, Shown)
+        assert isinstance(before, Shown)
+        same = len(mutated) == len(data)
+        return same and unseen(found.recording, before.recording, places, touched(data, mutated))
+
+    return Subject(f"sqlite/{place.name}", data, read, may_be)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """A recording that is compared by all its bits."""
+
+    recording: Recording
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Shown) and self._bits() == other._bits()
+
+    def __hash__(self) -> int:
+        return hash(str(self._bits()))
+
+    def _bits(self) -> object:
+        columns = self.recording.columns
+        return self.recording.start_ns, [
+            (c.name, c.unit, c.seconds.tobytes(), c.values.tobytes()) for c in columns
+        ]
 
 
 INSTRUMENTS = {
@@ -366,6 +429,7 @@ INSTRUMENTS = {
 
 SUBJECTS: dict[str, Callable[[Path], Subject]] = {
     **{kind: partial(recording, kind, suffix) for kind, suffix in INSTRUMENTS.items()},
+    "sqlite": sqlite_bag,
     "history": history,
     "bag": bag,
     "metadata": metadata,

@@ -204,12 +204,13 @@ OWN = {
     "table": "a.csv",
     "messages": "a.cdr",
     "history": "a.sqlite",
+    "sqlite": "sqlite",
 }
 
 
 @pytest.mark.parametrize("kind", SUBJECTS)
 def test_no_mutation_of_a_file_ends_in_a_trace_or_is_read_wrong_silently(kind, tmp_path):
-    hold(kind, tmp_path, 1, 50 if kind in INSTRUMENTS else 150)
+    hold(kind, tmp_path, 1, 40 if kind in {*INSTRUMENTS, "sqlite"} else 150)
 
 
 @pytest.mark.slow

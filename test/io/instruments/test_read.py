@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import subprocess
 import sys
 import time
@@ -244,3 +245,46 @@ def test_cells_and_structures_as_people_nest_them_are_read(tmp_path):
         scipy.io.savemat(path, {"time_s": foreign.SECONDS, "log": log}, do_compression=packed)
         found = {column.name for column in read_recording(path).columns}
         assert found == {"log.inner.p", "log.setpoint"}
+
+
+def test_channels_of_an_mdf_file_that_no_link_leads_to_are_told(written):
+    path = written("mdf")
+    whole = path.read_bytes()
+    groups = [m.start() for m in re.finditer(rb"##DG", whole)]
+    path.write_bytes(whole[: groups[0] + 24] + bytes(8) + whole[groups[0] + 32 :])
+    found = read_recording(path)
+    assert [c.name for c in found.columns] == ["setpoint"]
+    assert any("of 4 channels that it holds its links lead to 2" in n for n in found.notices)
+
+
+def test_bytes_too_many_in_a_tdms_file_are_told(written):
+    path = written("tdms")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-801] + b"\0\0" + whole[-801:])  # all values behind it are others
+    found = read_recording(path)
+    assert any(f"the file at {len(whole) + 2}" in text for text in found.notices)
+
+
+def test_a_tdms_segment_of_unknown_length_goes_on_to_the_end(written):
+    """So does the last one of a writer that was killed."""
+    path = written("tdms")
+    whole = path.read_bytes()
+    at = whole.rfind(b"TDSm") + 12
+    path.write_bytes(whole[:at] + b"\xff" * 8 + whole[at + 8 :])
+    found = read_recording(path)
+    assert [len(c.values) for c in found.columns] == [foreign.N, foreign.N]
+    assert not any("segments end" in text for text in found.notices)
+
+
+def test_numbers_of_no_usual_kind_in_an_hdf5_file_are_told(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.h5"
+    odd = h5py.h5t.IEEE_F64LE.copy()
+    odd.set_ebias(1022)
+    with h5py.File(path, "w") as file:
+        file["time_s"], file["setpoint"] = foreign.SECONDS, foreign.COMMAND
+        space = h5py.h5s.create_simple(foreign.PRESSURE.shape)
+        h5py.h5d.create(file.id, b"p_bar", odd, space).write(
+            h5py.h5s.ALL, h5py.h5s.ALL, foreign.PRESSURE
+        )
+    assert any("'p_bar' is of no usual kind" in n for n in read_recording(path).notices)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -111,12 +112,17 @@ def read_hdf5(path: Path) -> Sheet:
     h5py = load_package("h5py", path)
     units: dict[str, str] = {}
     arrays: list[tuple[str, FloatArray]] = []
+    odd: list[str] = []
     try:
         with h5py.File(path, "r") as file:
             found = list(_datasets(file, "", h5py, set()))
             check_size(path, sum(int(d.size) * 8 for _, d in found))
             for name, dataset in found:
                 arrays += _split(name, np.asarray(dataset[()]).T)
+                if _is_odd(dataset, h5py):
+                    odd.append(
+                        f"{path}: '{name}' is of no usual kind of numbers, its may be wrong"
+                    )
                 unit = dataset.attrs.get("unit", dataset.attrs.get("units", ""))
                 units[name] = unit.decode() if isinstance(unit, bytes) else str(unit)
     except BagError:
@@ -124,7 +130,15 @@ def read_hdf5(path: Path) -> Sheet:
     except Exception as err:  # whatever a broken file makes the reader raise
         msg = f"{path}: is no whole HDF5 or MAT v7.3 file ({type(err).__name__}: {err})"
         raise BagError(msg) from err
-    return _sheet(path, arrays, units)
+    sheet = _sheet(path, arrays, units)
+    return replace(sheet, notices=[*sheet.notices, *odd])
+
+
+def _is_odd(dataset: Any, h5py: Any) -> bool:  # noqa: ANN401  h5py has no types
+    """Return whether floating numbers have other bits than those of IEEE 754."""
+    kind = dataset.id.get_type()
+    usual = (getattr(h5py.h5t, f"IEEE_F{n}{order}E") for n in (16, 32, 64) for order in "LB")
+    return dataset.dtype.kind == "f" and not any(kind == one for one in usual)
 
 
 def _datasets(

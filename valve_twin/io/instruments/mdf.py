@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
+from mmap import ACCESS_READ, mmap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +25,9 @@ from valve_twin.io.instruments.table import (
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+
+_CHANNEL = re.compile(rb"##CN\0{4}.{2}\0{6}\x08\0{7}", re.DOTALL)  # a block of 8 links
 
 
 def read_mdf(path: Path) -> Recording:
@@ -51,7 +56,7 @@ def read_mdf(path: Path) -> Recording:
             check_size(path, sum(8 * file.groups[g].channel_group.cycles_nr for g, _ in places))
             check_count(path, len(places))
             signals = (file.get(group=g, index=i) for g, i in places)
-            notices: list[str] = []
+            notices = _unreached(path, sum(len(group.channels) for group in file.groups))
             columns = [c for s in signals if (c := _column(s, path, notices)) is not None]
             start = file.header.start_time
             start_ns = round(start.timestamp() * 1e6) * 1000
@@ -68,6 +73,19 @@ def read_mdf(path: Path) -> Recording:
     dated = start_ns + round(first * 1e9) if start_ns > 0 else None
     return Recording(path, unique(moved), "master channels", measured=True, start_ns=dated,
                      notices=tuple(notices))  # fmt: skip
+
+
+def _unreached(path: Path, count: int) -> list[str]:
+    """Say that more channels stand in a file of version 4 than its links lead to."""
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as whole:
+        if not whole[8:10].startswith(b"4."):
+            return []
+        found = sum(m.start() % 8 == 0 for m in _CHANNEL.finditer(whole))
+    return (
+        [f"{path}: of {found} channels that it holds its links lead to {count}; export it anew"]
+        if found > count
+        else []
+    )
 
 
 def _close_quietly() -> None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from valve_twin.io.instruments.clock import ClockChoice
 
 _LEAD_IN = struct.Struct("<4sIIQQ")  # tag, contents, version, bytes to the next one, of metadata
+_UNKNOWN = 2**64 - 1  # of bytes to the next one: the last segment goes on to the end of the file
 _HAS_METADATA, _NEW_LIST = 2, 4  # bits of the contents
 _OBJECT = re.compile(rb"/'(?:[^']|'')*'(?:/'(?:[^']|'')*')?")  # a path in metadata
 _MOST_PLACES = 20_000_000  # objects of all segments, each of which npTDMS looks at in Python
@@ -44,9 +45,14 @@ def read_tdms(path: Path, choice: ClockChoice) -> Recording:
     """
     nptdms = load_package("nptdms", path)
     try:
-        _check_segments(path)
+        odd = _check_segments(path)
         with path.open("rb") as raw, nptdms.TdmsFile.open(raw) as file:
-            channels = [c for g in file.groups() for c in g.channels() if len(c) > 1]
+            every = [c for g in file.groups() for c in g.channels()]
+            channels = [c for c in every if len(c) > 1]
+            odd = (
+                *odd,
+                *(f"{path}: channel '{c.name}' holds no values" for c in every if not len(c)),
+            )
             check_size(path, 8 * sum(len(c) for c in channels))
             numeric = [c for c in channels if c.dtype is not None and c.dtype.kind in "fiuM"]
             read = [(c, np.asarray(c[:])) for c in numeric]
@@ -54,12 +60,12 @@ def read_tdms(path: Path, choice: ClockChoice) -> Recording:
             if waves:
                 found = _waveforms(path, waves)
                 timed = {c.path for c, _ in waves}
-                return replace(
-                    found, notices=_left_out(path, read, timed, "has no times of a waveform")
-                )
+                other = _left_out(path, read, timed, "has no times of a waveform")
+                return replace(found, notices=(*odd, *other))
             columns, taken = _table(read)
             other = _left_out(path, read, taken, "is of another length")
-            sheet = Sheet(path, np.arange(0, dtype=np.int64), columns, (), [*other], named=True)
+            told = [*odd, *other]
+            sheet = Sheet(path, np.arange(0, dtype=np.int64), columns, (), told, named=True)
     except BagError:
         raise
     except Exception as err:  # whatever a broken file makes the reader raise
@@ -72,15 +78,18 @@ def read_tdms(path: Path, choice: ClockChoice) -> Recording:
     return with_clock(replace(sheet, lines=rows), choice)
 
 
-def _check_segments(path: Path) -> None:
-    """Refuse a file whose segments, which may be empty, take longer to look at than their data."""
-    at, places, listed = 0, 0, set[bytes]()
+def _check_segments(path: Path) -> tuple[str, ...]:
+    """Refuse a file whose segments, which may be empty, take longer to look at than their data.
+
+    Returns a notice where the last one does not end with the file: values may be others' bytes.
+    """
+    begin, at, places, listed = 0, 0, 0, set[bytes]()
     size = path.stat().st_size
     with path.open("rb") as raw:
         while len(head := raw.read(_LEAD_IN.size)) == _LEAD_IN.size:
             tag, contents, _, bytes_on, metadata = _LEAD_IN.unpack(head)
             if not tag.startswith(b"TDS"):
-                return
+                break
             if contents & _HAS_METADATA:
                 found = set(_OBJECT.findall(raw.read(min(metadata, bytes_on))))
                 listed = found if contents & _NEW_LIST else listed | found
@@ -91,8 +100,17 @@ def _check_segments(path: Path) -> None:
                     "(TDMS Defragment of LabVIEW) or export it anew"
                 )
                 raise BagError(msg)
-            at = min(at + _LEAD_IN.size + bytes_on, size)  # of the last one it may be unknown
+            begin, at = at, at + _LEAD_IN.size + bytes_on
+            if at > size:  # its writer was killed, or did not know how long it would be
+                at = size if bytes_on == _UNKNOWN else at
+                break
             raw.seek(at)
+    if at == size:
+        return ()
+    return (
+        f"{path}: segments end at byte {at}, the file at {size}: bytes are missing or too many, "
+        f"values of the segment at byte {begin} may be wrong",
+    )
 
 
 def _left_out(
