@@ -9,7 +9,6 @@ is not used.
 
 from __future__ import annotations
 
-import os
 import secrets
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -21,7 +20,7 @@ from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.past.stored import thaw
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.restart import build_of
-from valve_twin.io.sealed import framed, seal, unsealed
+from valve_twin.io.sealed import framed, unsealed, write_sealed
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -123,14 +122,7 @@ def write(path: Path, content: bytes) -> None:
         If the disk does not take it.
     """
     part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
-    try:
-        with part.open("xb") as file:
-            file.write(seal(_MAGIC, content))
-            file.write(content)
-        os.replace(part, path)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
+    write_sealed(path, part, _MAGIC, content)
 
 
 def load(path: Path, origin: dict[str, Any], config: AgingConfig) -> Known | None:
