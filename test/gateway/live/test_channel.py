@@ -96,3 +96,14 @@ def test_closing_lets_all_go(monkeypatch):
         return count
 
     assert asyncio.run(look()) == 2
+
+
+def test_each_turn_comes_once_a_tick_however_late_or_early_a_timer_is():
+    for turn_s in (0.0, 0.05, 0.15):
+        now_s, due_s = 7.03, list[float]()
+        for late_s in (0.0, -1e-9, 1e-9, 0.04, 0.0, -1e-9):
+            due_s.append(now_s + channel._until(turn_s, now_s))
+            now_s = due_s[-1] + late_s
+        steps = np.diff(due_s)
+        assert np.allclose(steps, channel.TICK_S), steps
+        assert np.allclose((np.array(due_s) - turn_s + 0.1) % channel.TICK_S, 0.1)

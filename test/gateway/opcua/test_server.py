@@ -41,6 +41,7 @@ from valve_twin.gateway.opcua.units import unit_number
 from valve_twin.gateway.opcua.valve_nodes import OF_PARAMETER, VALUES, stamp
 from valve_twin.gateway.passwords import user_line
 from valve_twin.gateway.plant import Plant
+from valve_twin.gateway.view import View
 from valve_twin.io.history.store import History
 
 DI, VALVES = "http://opcfoundation.org/UA/DI/", "urn:valve_twin:valves"
@@ -519,6 +520,28 @@ def test_no_look_for_garbage_holds_up_the_making_of_the_nodes(tmp_path):
     finally:
         gc.callbacks.remove(note)
     assert len(looks) < 100  # of 6000 nodes, each made of 100 values; 700 values are a look
+
+
+def test_valves_are_shown_as_soon_as_the_history_was_read_for_the_first_time(
+    tmp_path, path, monkeypatch
+):
+    monkeypatch.setattr("valve_twin.gateway.opcua.server.PERIOD_S", 3600.0)
+    read, asked = Plant(f"sqlite:///{path}").view(), list[View]()
+
+    def news() -> View:
+        asked.append(read if len(asked) >= 3 else View(whole=False))
+        return asked[-1]
+
+    face = OpcUaFace(news, "opc.tcp://127.0.0.1:0", Access(tmp_path, None, anonymous=True))
+    face.start()
+    try:
+        end_s = time.monotonic() + 120.0
+        while set(face._said) != {row.valve for row in read.rows}:
+            assert time.monotonic() < end_s, len(asked)
+            time.sleep(0.02)
+    finally:
+        face.stop()
+    assert [view.whole for view in asked] == [False, False, False, True]
 
 
 class Follower:

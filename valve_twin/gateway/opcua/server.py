@@ -37,6 +37,9 @@ URI = "urn:valve_twin:valves"
 PERIOD_S = 1.0
 """What is shown is renewed so often [s]."""
 
+EAGER_S = 0.1
+"""The same until the history was read for the first time [s]."""
+
 MOST_UNREAD = 8_000_000
 """A client that has so much waiting for it and does not read is let go [bytes]."""
 
@@ -131,13 +134,14 @@ class OpcUaFace:
             self._port = server.bserver.port
             self._ready.set()
             while not self._end.is_set():
+                begins = False
                 try:
-                    await self._renew(server)
+                    begins = await self._renew(server)
                 except Exception:  # whatever is stored: what is shown stays, and is tried again
                     _LOGGER.exception("OPC UA: cannot show what is new")
                 self._let_go(server)
                 with suppress(asyncio.TimeoutError):
-                    await asyncio.wait_for(self._end.wait(), PERIOD_S)
+                    await asyncio.wait_for(self._end.wait(), EAGER_S if begins else PERIOD_S)
         finally:
             with suppress(Exception):  # of a server that has not started
                 await server.stop()
@@ -192,8 +196,11 @@ class OpcUaFace:
     def _history(self, *path: str) -> ua.NodeId:
         return ua.NodeId("#".join(("History", *path)), self._index)
 
-    async def _renew(self, server: Server) -> None:
-        """Show what has changed; a valve that is new gets a device, one that is gone loses it."""
+    async def _renew(self, server: Server) -> bool:
+        """Show what has changed: a valve that is new gets a device, one that is gone loses it.
+
+        Return whether the history is still being read for the first time.
+        """
         view = await asyncio.to_thread(self._view)
         status = _STALE if view.failure else _GOOD
         for name, value in (
@@ -224,6 +231,7 @@ class OpcUaFace:
             for node, value in self._valves[valve][0].values(plain):
                 await self._show(server, node, value, status, time)
             await self._tell(server, valve, plain)
+        return not view.whole and not view.failure
 
     async def _show(
         self,
