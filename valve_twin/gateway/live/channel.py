@@ -29,8 +29,8 @@ TICK_S = 0.2
 """What is new is told so often [s]."""
 
 TURNS = 4
-"""Turns within a tick [1]: the valves of one are drawn behind each other, at less than half of what
-each costs at a time of its own; not all are at once, so that nobody waits for a burst."""
+"""Turns within a tick [1]: the valves of one are drawn behind each other, at less than half of
+what each costs at a time of its own; not all are at once, so that nobody waits for a burst."""
 
 STALE_S = 2.0
 """A valve without values for longer is stale [s]; a page says so within a tick more."""
