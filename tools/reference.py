@@ -50,7 +50,9 @@ def parameter_reference(models: Sequence[str]) -> str:
         _section("Cycles", describe(CycleConfig, "cycles.")),
         _section("Aging", describe(AgingConfig, "aging.", [_PARAMETER])),
         f"`{_PARAMETER}` is a parameter of the model. A node has one below `aging.thresholds` or "
-        "`aging.commissioning` once a file gives it or it is set, not before.\n",
+        "`aging.commissioning` once a file gives it or it is set or read by its name, not before; "
+        "so it is with `options.tolerances` and, of a signal whose topic is empty, all but the "
+        "topic.\n",
         _section("Nameplate", describe(Nameplate, "nameplate.")),
         _section("CSV files", describe(CsvConfig, "csv.")),
     ]

@@ -36,6 +36,7 @@ from valve_twin.nodes.runtime.transport.profile import remove_profile_file
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rcl_interfaces.msg import ParameterDescriptor
     from rclpy.parameter import Parameter
     from rclpy.service import Service
 
@@ -180,6 +181,17 @@ class ValveNode(LifecycleNode):
         if name == TYPE_DESCRIPTIONS:
             arguments = (False, *arguments[1:])
         return super().declare_parameter(name, *arguments, **options)
+
+    def get_parameter(self, name: str) -> Parameter:
+        """Return a parameter; one that is declared on its use is there from now on."""
+        if hasattr(self, "parameters"):  # rclpy reads some before
+            self.parameters.declare_offered((name,))
+        return super().get_parameter(name)
+
+    def describe_parameter(self, name: str) -> ParameterDescriptor:
+        """Describe a parameter; one that is declared on its use is there from now on."""
+        self.parameters.declare_offered((name,))
+        return super().describe_parameter(name)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set all or none; a refusal says why and is filed as a fault, too."""

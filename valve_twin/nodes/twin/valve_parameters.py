@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 SQLITE = "sqlite:///"
 
-ON_USE = ("aging.thresholds.", "aging.commissioning.")
-"""Keys of every parameter of a model, five each, of which a user sets a few."""
+ON_USE = ("aging.thresholds.", "aging.commissioning.", "options.tolerances.")
+"""Keys of every parameter or constant of a model, of which a user sets a few."""
 
 
 def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[ValveConfig]:
@@ -51,8 +51,9 @@ def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[
     parameters = node.parameters
     parameters.declare(VALVE_KEYS)
     model = str(parameters["model"])
-    parameters.declare(s for s in _keys(model) if not s.name.startswith(ON_USE))
-    parameters.offer(s for s in _keys(model) if s.name.startswith(ON_USE))
+    always, on_use = shared_out(list(_keys(model)))
+    parameters.declare(always)
+    parameters.offer(on_use)
     parameters.declare(s for s in _constants(model) if s.name in parameters.overrides)
     names = _names(parameters["valves"])
     for valve in names:
@@ -77,6 +78,30 @@ def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[
     if refused is not None:
         refused |= left_out
     return [replace(c, history_url=absolute_url(c.history_url)) for c in configs]
+
+
+def shared_out(keys: Sequence[Descriptor]) -> tuple[list[Descriptor], list[Descriptor]]:
+    """Return which keys of a model a node has as parameters always, and which once they are used.
+
+    Of a signal that a plant may lack, whose topic is empty, only the topic is there always.
+
+    Parameters
+    ----------
+    keys : sequence of Descriptor
+        Of one model.
+    """
+    lacking = {
+        key.name.removesuffix("topic")
+        for key in keys
+        if key.name.startswith("signals.") and key.name.endswith(".topic") and not key.default
+    }
+
+    def is_on_use(key: Descriptor) -> bool:
+        signal = key.name[: key.name.rfind(".") + 1]
+        return key.name.startswith(ON_USE) or (signal in lacking and key.name != f"{signal}topic")
+
+    on_use = [key for key in keys if is_on_use(key)]
+    return [key for key in keys if not is_on_use(key)], on_use
 
 
 def absolute_url(url: str) -> str:
