@@ -37,6 +37,7 @@ LENGTHY = {
             *("gateway/test_web", "io/fmu/test_plant", "io/history/test_history_processes"),
             *("nodes/test_soak", "nodes/test_kill", "nodes/gateway/test_node"),
             *("nodes/twin/test_node", "nodes/test_rough_inputs", "nodes/test_opcua_chain"),
+            "demo/test_demo",
             *("nodes/test_history_trouble", "nodes/test_live", "nodes/runtime/test_node"),
             *("nodes/twin/history/test_upkeep", "nodes/test_real_valves_live"),
             *("nodes/test_live_actuator", "nodes/test_history_server"),
