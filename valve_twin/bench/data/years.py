@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from valve_twin.bench.measure import Scale
+    from valve_twin.core.aging import Assessment
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.past.columns import Past
     from valve_twin.core.types import FloatArray
@@ -49,6 +50,8 @@ _PARAMETERS = tuple(Parameter(name, "1", "", trend=True) for name in _NAMES)
 _PERIOD_NS = 30 * 10**9
 _YOUNG = 1000  # cycles that a history with little in it holds
 _FEATURED = 10_000  # cycles whose features are not all kept: up to 4096 are
+_FAULTY, _ONSETS, _LONG = 3000, (400, 900, 1400, 1900, 2400), 60  # cycles, and those with a fault
+_BEGINNINGS, _LEAKS = 5, 2  # and the signature that they show, a leak of 9e-4
 _PAGE = 100
 _VALVE = "/v"
 _IN_A_ROW = 70  # verdicts: some searches ahead of a long trend are among them
@@ -173,10 +176,40 @@ def _with_features() -> Iterator[Ratio]:
     yield Ratio(what, f"one after cycle {_YOUNG}", taken[1], taken[0], 0.3)
     anew = "one that judges all features anew"
     yield Ratio(f"{what}, each judged once", anew, taken[1], taken[2], 2.0)
+    begun = middle(map(_begins_with_faults, range(_BEGINNINGS)))
+    loop = median(partial(sum, range(1_000_000)), _BEGINNINGS)
+    name = f"state with {len(_ONSETS)} faults that are over, first verdict"
+    yield Ratio(name, "a sum over 1000000", begun, loop, 0.1)  # 0.1 s where the loop takes 10 ms
 
 
-def _assess(past: Past, memory: Memory | None = None) -> None:
-    assess(past, (), _CONFIG, parameters=_PARAMETERS, memory=memory)
+def _begins_with_faults(number: int) -> float:
+    """Return what reading a state and its first verdict take, after faults that are over [s]."""
+    wrong = np.zeros((_FAULTY, len(MODEL.feature_set.names)))
+    for onset in _ONSETS:
+        wrong[onset : onset + _LONG] += _table().signatures[_LEAKS].change
+    first = 1 + number * _FAULTY  # other features each time, which no process has seen
+    state, memory = AgingState(), Memory()
+    shown = features(_FAULTY, first, wrong=wrong)
+    for estimates in zip(life(_FAULTY, first), shown, strict=True):
+        for estimate in estimates:
+            state.add(estimate)
+    past = state.past()
+    _assess(replace(past, features=past.features.take(np.arange(0))), memory)
+    origin = origin_of(_VALVE, "press_cartridge")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "known"
+        write(path, pack(freeze(state), memory, {}, origin, _CONFIG))
+        begin = time.process_time()
+        known = load(path, origin, _CONFIG)
+        assert known is not None
+        found = _assess(known.state.past(), known.memory).diagnosis.findings
+        taken = time.process_time() - begin
+    assert sum(f.end >= 0 for f in found) == len(_ONSETS), found
+    return taken
+
+
+def _assess(past: Past, memory: Memory | None = None) -> Assessment:
+    return assess(past, (), _CONFIG, parameters=_PARAMETERS, memory=memory)
 
 
 def _goes_on(

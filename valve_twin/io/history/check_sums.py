@@ -8,7 +8,9 @@ The sum stands over all values of a row but its own key, in the form in which th
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from functools import cache
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import sqlalchemy as sa
 
@@ -68,11 +70,13 @@ def row_sum(table: sa.Table, row: Mapping[str, Any]) -> int:
         Its values by column.
     """
     try:
-        own = _columns(table)
         unsummed = UNSUMMED.get(table.name, ())
-        if unsummed and not any(row[name] for name in unsummed):
-            own = [(name, put) for name, put in own if name not in unsummed]
-        text = _SEPARATOR.join([put(row[name]) for name, put in own])
+        form = _form_of(table, bool(unsummed) and not any(row[name] for name in unsummed))
+        values = list(form.read(row))
+        for place in form.numbers:
+            value = values[place]  # SQLite keeps no sign of zero
+            values[place] = "" if value is None else repr(float(value) + 0.0)
+        text = form.text % tuple(values)
     except (ValueError, TypeError, OverflowError):
         return -1
     return crc32(text.encode("utf-8", "surrogateescape"))
@@ -212,26 +216,19 @@ def _place(table: sa.Table, row: Mapping[str, Any], where: str) -> str:
     return f"{where}: table {table.name}, {key}cycle {row['cycle']}"
 
 
-def _columns(table: sa.Table) -> list[tuple[str, Callable[[Any], str]]]:
-    known = _KNOWN.get(table.name)
-    if known is None:
-        own = [c for c in table.c if c.name not in {"id", CHECK_SUM}]
-        known = _KNOWN[table.name] = [(c.name, _put_of(c)) for c in own]
-    return known
+class _Form(NamedTuple):
+    """How the values of a row are put together: what reads them, floating-point ones, the text."""
+
+    read: Callable[[Mapping[str, Any]], tuple[Any, ...]]
+    numbers: tuple[int, ...]
+    text: str
 
 
-_KNOWN: dict[str, list[tuple[str, Callable[[Any], str]]]] = {}
-
-
-def _put_of(column: sa.Column[Any]) -> Callable[[Any], str]:
-    if isinstance(column.type, sa.Double):
-        return _float_text
-    return str if isinstance(column.type, sa.String) else _int_text
-
-
-def _float_text(value: Any) -> str:  # noqa: ANN401  a number or NULL
-    return "" if value is None else repr(float(value) + 0.0)  # SQLite keeps no sign of zero
-
-
-def _int_text(value: Any) -> str:  # noqa: ANN401  a whole number or a truth value
-    return repr(value) if type(value) is int else str(int(value))
+@cache
+def _form_of(table: sa.Table, without: bool) -> _Form:
+    """Return the form of a table's rows, `without` its columns in `UNSUMMED`."""
+    left_out = {"id", CHECK_SUM, *(UNSUMMED.get(table.name, ()) if without else ())}
+    own = [c for c in table.c if c.name not in left_out]
+    put = ["%s" if isinstance(c.type, sa.Double | sa.String) else "%d" for c in own]
+    numbers = tuple(k for k, c in enumerate(own) if isinstance(c.type, sa.Double))
+    return _Form(itemgetter(*(c.name for c in own)), numbers, _SEPARATOR.join(put))
