@@ -8,11 +8,12 @@ whether what was read of mutated bytes may be said silently.
 
 from __future__ import annotations
 
+import io
 import logging
 import sqlite3
 import struct
 import time
-from contextlib import closing
+from contextlib import closing, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,7 @@ from test.io.instruments import foreign_files
 from test.io.instruments.unseen import may_be as unseen
 from test.io.instruments.unseen import may_be_text, places_of, touched
 from test.peak import forget_peak, peak_mb
+from valve_twin.cli import main
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.io.bags.definitions import definition
 from valve_twin.io.bags.read import BagWriter, read_columns
@@ -35,6 +37,7 @@ from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.errors import IndexLiesError, ValveTwinError
 from valve_twin.io.history.store import CycleRecord, History
+from valve_twin.io.instruments.clock import ClockChoice
 from valve_twin.io.instruments.read import read_recording
 from valve_twin.io.salvage.read import forget
 from valve_twin.io.tables.csv import read_table
@@ -415,6 +418,68 @@ class Shown:
         return self.recording.start_ns, [
             (c.name, c.unit, c.seconds.tobytes(), c.values.tobytes()) for c in columns
         ]
+
+
+_VALVE = """/**:
+  ros__parameters:
+    model: first_order
+    period_s: 0.05
+    signals:
+      command: {topic: command, column: %s}
+      position: {topic: position, column: %s}
+    cycles: {rule: window, window_s: 2.0}
+    csv: {reader: any}
+"""
+_CHANNELS = {
+    "text": ("Sollwert", "Druck"),
+    "excel": ("Set point", "Pressure"),
+    "mat5": ("log.setpoint", "log.p_bar"),
+    "mat73": ("log.setpoint", "log.p"),
+    "tdms": ("setpoint", "p"),
+    "mdf": ("setpoint", "p"),
+    "parquet": ("setpoint", "p_bar"),
+}
+"""Command and answer in the files of `foreign_files`."""
+
+
+def imported(kind: str, folder: Path, seed: int, count: int) -> list[str]:
+    """Import mutated files; return a line for each of which the verb told less than its reader.
+
+    What cannot be read, or lacks a channel that is asked for, is refused; every notice of the
+    reader is said; else the bag holds what was read.
+    """
+    subject = recording(kind, INSTRUMENTS[kind], folder)
+    path, config = folder / subject.name, folder / "valve.yaml"
+    config.write_text(_VALVE % _CHANNELS[kind], encoding="utf-8")
+    sources = [SignalSource(name, f"/valve/{name}") for name in ("command", "position")]
+    wrong = []
+    rng = np.random.default_rng(seed)
+    for n, (how, data) in enumerate(mutations(subject.data, rng, count)):
+        path.write_bytes(data)
+        bag, said = folder / f"bag_{n}", io.StringIO()
+        with redirect_stderr(said), redirect_stdout(io.StringIO()):
+            given = [str(path), "--config", str(config), "--out", str(bag)]
+            done = main(["import", *given])
+        try:
+            found = read_recording(path, ClockChoice(period_s=0.05))
+        except ValveTwinError:
+            found = None
+        columns = {} if found is None else {c.name: c for c in found.columns}
+        if found is None or not set(_CHANNELS[kind]) <= set(columns):
+            told = done != 0 and str(path) in said.getvalue()
+        else:
+            told = all(notice in said.getvalue() for notice in found.notices)
+            if done == 0:
+                stored = read_columns(bag, sources)
+                asked = [columns[name] for name in _CHANNELS[kind]]
+                told &= all(
+                    np.array_equal(s.values, c.values, equal_nan=True)
+                    or str(path) in said.getvalue()
+                    for s, c in zip(stored, asked, strict=True)
+                )
+        if not told:
+            wrong.append(f"{kind} seed {seed} case {n} ({how}): {said.getvalue()}")
+    return wrong
 
 
 INSTRUMENTS = {

@@ -17,7 +17,7 @@ import zstandard
 from mcap.records import Schema
 
 from test import peak
-from test.io.foreign import INSTRUMENTS, SUBJECTS, campaign
+from test.io.foreign import INSTRUMENTS, SUBJECTS, campaign, imported
 from valve_twin.io.bags.folder import find_files
 from valve_twin.io.cdr.bag_types import BagTypes
 from valve_twin.io.config.parameter_file import read_parameter_file
@@ -211,6 +211,18 @@ OWN = {
 @pytest.mark.parametrize("kind", SUBJECTS)
 def test_no_mutation_of_a_file_ends_in_a_trace_or_is_read_wrong_silently(kind, tmp_path):
     hold(kind, tmp_path, 1, 40 if kind in {*INSTRUMENTS, "sqlite"} else 150)
+
+
+@pytest.mark.parametrize("kind", ["tdms", "mat5"])
+def test_an_import_tells_what_the_reader_tells(kind, tmp_path):
+    assert imported(kind, tmp_path, 3, 8) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(5))
+@pytest.mark.parametrize("kind", INSTRUMENTS)
+def test_five_hundred_imports_do(kind, part, tmp_path):
+    assert imported(kind, tmp_path, 200 + part, 100) == []
 
 
 @pytest.mark.slow

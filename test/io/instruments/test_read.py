@@ -257,6 +257,16 @@ def test_channels_of_an_mdf_file_that_no_link_leads_to_are_told(written):
     assert any("of 4 channels that it holds its links lead to 2" in n for n in found.notices)
 
 
+def test_channels_of_an_mdf_file_whose_values_are_gone_are_told(written):
+    path = written("mdf")
+    whole = path.read_bytes()
+    at = whole.index(b"##DT")
+    path.write_bytes(whole[:at] + bytes(24) + whole[at + 24 :])
+    found = read_recording(path)
+    assert [c.name for c in found.columns] == ["p"]
+    assert any("lack the values" in n and "setpoint" in n for n in found.notices)
+
+
 def test_bytes_too_many_in_a_tdms_file_are_told(written):
     path = written("tdms")
     whole = path.read_bytes()

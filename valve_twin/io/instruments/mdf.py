@@ -55,9 +55,15 @@ def read_mdf(path: Path) -> Recording:
             ]
             check_size(path, sum(8 * file.groups[g].channel_group.cycles_nr for g, _ in places))
             check_count(path, len(places))
-            signals = (file.get(group=g, index=i) for g, i in places)
             notices = _unreached(path, sum(len(group.channels) for group in file.groups))
-            columns = [c for s in signals if (c := _column(s, path, notices)) is not None]
+            columns, empty = [], []
+            for g, i in places:
+                signal = file.get(group=g, index=i)
+                if len(signal.samples) < 2 <= file.groups[g].channel_group.cycles_nr:
+                    empty.append(str(signal.name))
+                column = _column(signal, path, notices)
+                columns += [] if column is None else [column]
+            notices += _without_values(path, empty)
             start = file.header.start_time
             start_ns = round(start.timestamp() * 1e6) * 1000
     except BagError:
@@ -86,6 +92,13 @@ def _unreached(path: Path, count: int) -> list[str]:
         if found > count
         else []
     )
+
+
+def _without_values(path: Path, names: list[str]) -> list[str]:
+    """Say which channels hold none of the values that their groups claim."""
+    shown = ", ".join(names[:6]) + (" ..." if len(names) > 6 else "")
+    told = f"{path}: {len(names)} channels lack the values that their groups claim: {shown}"
+    return [told] if names else []
 
 
 def _close_quietly() -> None:
