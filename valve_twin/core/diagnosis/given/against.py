@@ -37,31 +37,51 @@ JUDGED = 16
 """First cycles that are held against the reference; later ones against the valve's own."""
 
 _BEGINS = 8
-"""Cycles of those in which a fault may begin; later it is one for the own past."""
+"""Cycles before a fault at most; one that begins later is for the own past."""
 
 _SHOWN = 6.5
-"""Standard deviations that are a fault, as against the own past [1]."""
+"""Standard deviations that are a fault; set on sisters of strangers, seeds 73000-73039 [1]."""
 
 _WITHHELD = 3.5
-"""Standard deviations that withhold the "ok" [1]."""
+"""Standard deviations that withhold the "ok"; set on the same [1]."""
 
 _CONFIRM = 3
+"""Fewest cycles that must show a change."""
+
 _EACH, _SUDDEN = 0.4, 0.5
+"""Share of the mean change that a cycle must show, and that the cycles beside its onset must
+differ by: what wanders is no sudden change [1]."""
+
 _BESIDE = 3
-_MOST = (8, 4)  # cycles before and since that make a mean surer: what wanders does not
-_HEAL = 5
-_BACK = 0.4
-_UNLIKE = 0.3
+"""Cycles on either side of an onset that tell this."""
+
+_MOST = (8, 4)
+"""Cycles before and since beyond which a mean gets no surer: features wander."""
+
+_HEAL, _BACK = 5, 0.4
+"""Cycles in a row that show less than this share of a change where it is over [1]."""
+
+_UNLIKE, _LIKE = 0.3, 0.4
+"""Share of a change by which a valve may differ from the signature, and which the best one must
+explain, as against the own past [1]."""
+
 _RIVAL, _PAIR_RIVAL = 6.0, 2.0
-_LIKE = 0.4
+"""Difference of twice the log likelihood below which faults are not told apart, as there [1]."""
+
 _CHANCE = 1e-6
-_ASSUMED = 0.02
+"""Chance at which the quantiles of few and of many valves are compared [1]."""
+
+_ASSUMED, _MODEL = 0.02, 0.02
+"""Least standard deviation between valves, assumed: of a gain, of a parameter of the model [1]."""
+
 _PRIOR = 3.0
-_MODEL = 0.02
+"""Valves that this assumption counts as [1]."""
+
+_BLOCK = 8
+"""Cycles of a reference of the valve itself that count as one look at its level."""
+
 _ROUNDING = 1e-6
 _MAD = 1.4826
-_BLOCK = 8
-
 
 _WIDE = (
     "unchanged by the scatter of a cycle; its valves differ too much to tell a large fault that "
