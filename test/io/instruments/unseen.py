@@ -59,7 +59,7 @@ class Places:
 def places_of(kind: str, path: Path) -> Places:
     """Return what stands where in a file of `foreign_files`."""
     data, found = path.read_bytes(), Places()
-    found.words = [at for word in _WORDS[kind] for at in _all(data, word.encode())]
+    found.words = [_padded(data, *at) for word in _WORDS[kind] for at in _all(data, word.encode())]
     found.words += [at for word in _WORDS[kind] for at in _all(data, word.encode("utf-16-le"))]
     if kind in {"mat5", "mat73", "tdms"}:
         for name, array in (("setpoint", COMMAND), ("p", PRESSURE)):
@@ -89,6 +89,12 @@ def _all(data: bytes, part: bytes) -> Iterator[tuple[int, int]]:
     while at >= 0:
         yield at, at + len(part)
         at = data.find(part, at + 1)
+
+
+def _padded(data: bytes, begin: int, end: int) -> tuple[int, int]:
+    """Take the zeros behind a name with it: another byte there is part of the name."""
+    padded = begin + -(-(end + 1 - begin) // 8) * 8
+    return begin, padded if not any(data[end:padded]) else end
 
 
 def _rows(data: bytes, array: np.ndarray) -> list[tuple[int, int, int]]:
