@@ -171,7 +171,7 @@ def test_a_tolerance_of_the_branches_widens_what_the_motion_tells():
         (found,) = MODEL.estimate(cycle, options_for(STIFF, **given))
         of = {p.name: p for p in found.parameters}["friction"]
         half.append(of.upper_95 - of.lower_95)
-    assert half[1] > 1.2 * half[0]
+    assert half[1] > 1.1 * half[0]  # by what a cycle leaves open
 
 
 def test_without_them_no_constant_of_theirs_is_in_doubt():

@@ -37,9 +37,12 @@ from valve_twin.core.valves.double_solenoid.dimensions.apart import tell_apart
 from valve_twin.core.valves.double_solenoid.dimensions.estimate import judge_cycle
 from valve_twin.core.valves.double_solenoid.dimensions.published import ESTIMATOR as DIMENSIONS
 from valve_twin.core.valves.double_solenoid.dimensions.table import options_of
+from valve_twin.core.valves.double_solenoid.eddy.fit import EddyFit, fit_eddies, named
 from valve_twin.core.valves.double_solenoid.motion import MotionFit, fit_motion
 from valve_twin.core.valves.double_solenoid.parameters import (
+    BRANCHES,
     COILS,
+    EDDIES,
     ESTIMATOR,
     MECHANICAL,
     NAMES,
@@ -67,12 +70,13 @@ from valve_twin.core.valves.double_solenoid.record import (
     coil_of,
     longest_part,
     make_record,
+    warm_resistances,
 )
 from valve_twin.core.valves.interface import Scale
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.outcome import Evidence, blank, conclude, withheld
 from valve_twin.core.valves.kit.record import usable, whole_refusal
-from valve_twin.core.valves.kit.tolerances import Doubt, Tolerated
+from valve_twin.core.valves.kit.tolerances import Doubt
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -149,18 +153,26 @@ class DoubleSolenoidModel(CompiledModel):
         refusal = _beyond(record, valve)
         if refusal:
             return (_estimate(cycle, blank(NAMES, refusal), known, refused=refusal),)
+        branches, given = _branches(record, valve, options), (valve, record)
+        if branches is not None:
+            valve = known_valve(options, named(branches.numbers))
+            record = make_record(cycle.frames, known, cycle.period_s, valve)
         constants = constants_of(options)
         here = valve, record
-        aside = _aside(cycle, options, here, constants)
+        aside = _aside(cycle, options, here, branches)
         names = (*constants.names, *options.map_doubt_names)
         coils = _coils(here, aside, names)
         variations = [(r, v.valve(), v.tables()) for v, r in aside]
         fit = fit_motion(record, valve.valve(), valve.tables(), variations)
         noise = _rest_noise(record.x)
         values = (*coils, *_mechanical(fit, valve, noise, names))
+        values += () if branches is None else branches.values()
         balance = _estimate(cycle, values, known, fit=fit, valve=valve)
         if DIMENSIONS not in options.estimators:
             return (balance,)
+        valve, record = given  # with the eddy currents of the options: they would hide wear
+        if branches is not None:
+            fit = fit_motion(record, valve.valve(), valve.tables())
         told, guards = judge_cycle(cycle, (record, fit), valve, options, earlier)
         return replace(balance, guards=guards), told
 
@@ -197,7 +209,8 @@ class DoubleSolenoidModel(CompiledModel):
         What is not estimated comes from the options.
         """
         del lag
-        finite = {n: v for n, v in values.items() if n in NAMES and np.isfinite(v)}
+        told = (*NAMES, *(f"{EDDIES}{n}" for n in BRANCHES))
+        finite = {n: v for n, v in values.items() if n in told and np.isfinite(v)}
         try:
             return coefficients(known_valve(options, finite), period_s)
         except ValueError:
@@ -271,26 +284,55 @@ def _beyond(record: Record, valve: DoubleSolenoidPlant) -> str:
     return Refusal(RefusalCode.IMPLAUSIBLE, text)
 
 
+def _branches(
+    record: Record, valve: DoubleSolenoidPlant, options: DoubleSolenoidOptions
+) -> EddyFit | None:
+    """Return the eddy currents by the flux balance, where there are any and it can be had."""
+    if not valve.eddies.gain_1:
+        return None
+    widths = np.array([attrgetter(f"{EDDIES}{n}")(options.tolerances) for n in BRANCHES])
+    return fit_eddies(record, valve, warm_resistances(record, valve), widths)
+
+
 def _aside(
     cycle: Cycle,
     options: DoubleSolenoidOptions,
     here: tuple[DoubleSolenoidPlant, Record],
-    constants: Tolerated,
+    branches: EddyFit | None,
 ) -> list[tuple[DoubleSolenoidPlant, Record]]:
-    """Return valve and record with each constant, then the map, moved by standard deviations."""
+    """Return valve and record with each constant, then the map, moved by standard deviations.
+
+    Eddy currents that were fitted move by their standard errors, and with every constant that
+    the flux balance depends on.
+    """
+    constants = constants_of(options)
     moved, (ours, record) = [], here
-    for name, sigma in zip(constants.names, constants.sigmas.tolist(), strict=True):
-        value = attrgetter(name)(options)
+    found = {} if branches is None else named(branches.numbers)
+    errors = {} if branches is None else named(branches.errors)
+
+    def seen(at: DoubleSolenoidOptions, given: Mapping[str, float]) -> DoubleSolenoidPlant:
+        valve = known_valve(at, {**found, **given})
+        same = valve.tables() is ours.tables() and _seen_by(valve) == _seen_by(ours)
+        if branches is None or same or any(name in found for name in given):
+            return valve
+        first = make_record(cycle.frames, record.known, cycle.period_s, valve)
+        return known_valve(at, {**given, **named(branches.of(first, known_valve(at, given)))})
+
+    sigmas = dict(zip(constants.names, constants.sigmas.tolist(), strict=True))
+    for name in constants.names:
+        sigma, value = errors.get(name, sigmas[name]), found.get(name, attrgetter(name)(options))
         try:
-            valve = known_valve(options, {name: value * (1.0 + sigma)})
+            valve = seen(options, {name: value * (1.0 + sigma)})
         except ValueError:  # it stands at its limit: as far the other way
-            valve = known_valve(options, {name: value * (1.0 - sigma)})
-        if _seen_by(valve) != _seen_by(ours):
-            moved.append((valve, make_record(cycle.frames, record.known, cycle.period_s, valve)))
-        else:
-            moved.append((valve, record))
-    moved += [(known_valve(other, {}), record) for other in doubted(options)]
-    return moved
+            valve = seen(options, {name: value * (1.0 - sigma)})
+        moved.append(valve)
+    moved += [seen(other, {}) for other in doubted(options)]
+    return [
+        (v, record)
+        if _seen_by(v) == _seen_by(ours)
+        else (v, make_record(cycle.frames, record.known, cycle.period_s, v))
+        for v in moved
+    ]
 
 
 def _seen_by(valve: DoubleSolenoidPlant) -> tuple[object, ...]:

@@ -47,10 +47,18 @@ PARAMETERS = (
     Parameter(
         "preload_1", "N", "spring 1 in the middle, spring 2 as in the options", 0.0, trend=True
     ),
+    Parameter(
+        "eddies.gain_1", "A/V", "faster eddy current, by the flux balance; with eddies", 0.0
+    ),
+    Parameter("eddies.time_1", "s", "its time, likewise", 0.0),
+    Parameter("eddies.gain_2", "A/V", "slower eddy current, likewise", 0.0),
+    Parameter("eddies.time_2", "s", "its time, likewise", 0.0),
     *PUBLISHED,
 )
 NAMES = tuple(p.name for p in PARAMETERS if p.trend)
-_EDDIES = "eddies."
+EDDIES = "eddies."
+BRANCHES = ("gain_1", "time_1", "gain_2", "time_2")
+"""Numbers of the eddy branches, which a cycle tells within the tolerances of the options."""
 COILS = NAMES[:2]
 MECHANICAL = NAMES[2:]
 
@@ -131,7 +139,7 @@ def known_valve(
     """
     given = {f.name: getattr(options, f.name) for f in fields(DoubleSolenoidNumbers)}
     given |= {name: value for name, value in values.items() if name in given}
-    inside = {n.removeprefix(_EDDIES): v for n, v in values.items() if n.startswith(_EDDIES)}
+    inside = {n.removeprefix(EDDIES): v for n, v in values.items() if n.startswith(EDDIES)}
     if inside:
         given["eddies"] = replaced(options.eddies, inside)
     return DoubleSolenoidPlant(**given)
@@ -142,7 +150,7 @@ def constants_of(options: DoubleSolenoidOptions) -> Tolerated:
     found = tolerated(options)
     if options.eddies.gain_1:
         return found
-    kept = [k for k, name in enumerate(found.names) if not name.startswith(_EDDIES)]
+    kept = [k for k, name in enumerate(found.names) if not name.startswith(EDDIES)]
     return Tolerated(tuple(found.names[k] for k in kept), found.widths[kept])
 
 

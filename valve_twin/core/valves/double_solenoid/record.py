@@ -84,11 +84,23 @@ def make_record(
     if not valve.eddies.gain_1:
         return record
     given = [valve.resistance_a, valve.resistance_b]
-    record = _less_eddies(record, valve.eddies.numbers(), given)
-    part = longest_part(known)
+    record = less_eddies(record, valve.eddies.numbers(), given)
+    return less_eddies(record, valve.eddies.numbers(), warm_resistances(record, valve))
+
+
+def warm_resistances(record: Record, valve: DoubleSolenoidPlant) -> list[float]:
+    """Return the resistances by the flux balance, else those of the options [ohm].
+
+    Parameters
+    ----------
+    record : Record
+        What was measured.
+    valve : DoubleSolenoidPlant
+        The valve of the options.
+    """
+    part, given = longest_part(record.known), (valve.resistance_a, valve.resistance_b)
     found = [coil_of(record, valve, part, k).resistance for k in range(2)]
-    warm = [f if np.isfinite(f) else g for f, g in zip(found, given, strict=True)]
-    return _less_eddies(record, valve.eddies.numbers(), warm)
+    return [f if np.isfinite(f) else g for f, g in zip(found, given, strict=True)]
 
 
 def coil_of(record: Record, valve: DoubleSolenoidPlant, part: slice, column: int) -> CoilFit:
@@ -125,8 +137,18 @@ def longest_part(known: BoolArray) -> slice:
     return slice(int(starts[longest]), int(ends[longest]))
 
 
-def _less_eddies(record: Record, of: Eddies, resistances: list[float]) -> Record:
-    """Return a record whose currents are the measured ones less the eddy currents."""
+def less_eddies(record: Record, of: Eddies, resistances: list[float]) -> Record:
+    """Return a record whose currents are the measured ones less the eddy currents.
+
+    Parameters
+    ----------
+    record : Record
+        What was measured.
+    of : Eddies
+        The branches.
+    resistances : list of float
+        Of the coils [ohm].
+    """
     left = np.empty((2, len(record.x)))
     for k, resistance in enumerate(resistances):
         volts, drawn = (np.ascontiguousarray(v[:, k]) for v in (record.volts, record.drawn))
