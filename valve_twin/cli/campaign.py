@@ -17,7 +17,6 @@ from valve_twin.io.config.campaign import load_campaign, write_severities
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable
 
     from rich.console import Console
 
@@ -83,7 +82,7 @@ def _campaign(arguments: argparse.Namespace) -> int:
     from valve_twin.core.diagnosis.config import detection_of
 
     try:
-        rig, table, config, own = _chosen(arguments)
+        rig, table, config, how = _chosen(arguments)
     except ValueError as err:
         return fail(f"campaign: {err}", USAGE)
     for name in arguments.fault or ():
@@ -94,7 +93,7 @@ def _campaign(arguments: argparse.Namespace) -> int:
         config = replace(config, severities={n: config.severities[n] for n in arguments.fault})
     with progress_of("records", len(config.seeds)) as advance:
         detection = detection_of(rig.feature_set) if arguments.model else None
-        result = run_campaign(rig, table, config, detection=detection, own=own, advance=advance)
+        result = run_campaign(rig, table, config, detection=detection, advance=advance, **how)
     if arguments.json:
         text = json.dumps(_plain(result, config.seeds), indent=1, allow_nan=False)
         Path(arguments.json).write_text(f"{text}\n", encoding="utf-8")
@@ -104,18 +103,21 @@ def _campaign(arguments: argparse.Namespace) -> int:
 
 def _chosen(
     arguments: argparse.Namespace,
-) -> tuple[
-    AgingBench[Any], SignatureTable, CampaignConfig, Callable[[Any], SignatureTable] | None
-]:
-    """Return valve and model, signatures, what is simulated, and what gives a valve its own."""
+) -> tuple[AgingBench[Any], SignatureTable, CampaignConfig, dict[str, Any]]:
+    """Return valve and model, signatures, what is simulated, and how it is looked at."""
     first = arguments.first
     seeds = tuple(range(first, first + arguments.seeds)) if arguments.seeds else ()
     if arguments.config:
         campaign = load_campaign(arguments.config)
         config = campaign.config
         config = replace(config, seeds=seeds) if seeds else config
-        return campaign.rig, campaign.rig.model.signatures(), config, None
-    from valve_twin.core.diagnosis.generic.campaign import campaign_of, model_rig, own_signatures
+        return campaign.rig, campaign.rig.model.signatures(), config, {}
+    from valve_twin.core.diagnosis.generic.campaign import (
+        campaign_of,
+        look_of,
+        model_rig,
+        own_signatures,
+    )
     from valve_twin.core.diagnosis.generic.faults import FAULTS
     from valve_twin.core.diagnosis.generic.signatures import signatures_of
 
@@ -124,7 +126,7 @@ def _chosen(
     assert table is not None
     with progress_of("sizes", len(FAULTS)) as advance:
         config = campaign_of(rig, seeds or tuple(range(first, first + 20)), advance=advance)
-    return rig, table, config, partial(own_signatures, rig)
+    return rig, table, config, {"own": partial(own_signatures, rig), "look": look_of(rig)}
 
 
 def _fmu_of(arguments: argparse.Namespace) -> SimulationConfig | None:

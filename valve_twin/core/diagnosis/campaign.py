@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.simulation.aging_laws import AgingRule
     from valve_twin.core.types import FloatArray
+
+    Look = Callable[[SignatureTable, DetectionConfig | None, FloatArray], Diagnosis]
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +133,25 @@ class CampaignResult:
     rows: tuple[Row, ...] = field(default=())
 
 
+def look_at_features(
+    table: SignatureTable, config: DetectionConfig | None, rows: FloatArray
+) -> Diagnosis:
+    """Return what is found in features.
+
+    Parameters
+    ----------
+    table : SignatureTable
+        Signatures.
+    config : DetectionConfig or None
+        When a change is a fault.
+    rows : (N, F or more) array
+        Features as they are followed, of the cycles from 1 on [unit by feature]; what a rig
+        gives behind them is not looked at.
+    """
+    features = rows[:, : len(table.features)]
+    return detect(np.arange(1, len(rows) + 1), features, table, config)
+
+
 def run_campaign(
     rig: AgingBench[V],
     table: SignatureTable,
@@ -137,6 +159,7 @@ def run_campaign(
     *,
     detection: DetectionConfig | None = None,
     own: Callable[[V], SignatureTable] | None = None,
+    look: Look = look_at_features,
     advance: Callable[[], None] = lambda: None,
 ) -> CampaignResult:
     """Simulate every record and look at it as the aging monitor does.
@@ -153,6 +176,8 @@ def run_campaign(
         When a change is a fault.
     own : callable, optional
         Returns the signatures of a valve before it has a fault; none = `table` for all.
+    look : callable
+        Returns what is found by signatures in the rows that the rig gives.
     advance : callable
         Called after each seed.
 
@@ -169,24 +194,19 @@ def run_campaign(
         shapes = own(valve) if own else table
         before = aged.run(valve, config.onset - 1)
         rest = aged.run(deepcopy(valve), config.cycles - config.onset + 1)
-        healthy = _look(np.concatenate((before, rest)), shapes, detection)
+        healthy = look(shapes, detection, np.concatenate((before, rest)))
         alarms += [(seed, f.fault, f.alarm) for f in healthy.findings]
         for fault, sizes in config.severities.items():
             for size, severity in zip(SIZES, sizes, strict=True):
                 if size in config.sizes:
                     sign = -1.0 if BY_NAME[fault].two_sided and seed % 2 else 1.0
                     case = Case(fault, size, seed, sign * severity, 0)
-                    cases.append(_run(aged, valve, before, case, shapes, config, detection))
+                    told = partial(look, shapes, detection)
+                    cases.append(_run(aged, valve, before, case, config, told))
         advance()
     found = isolability(table, detection)
     result = CampaignResult(tuple(cases), len(config.seeds) * config.cycles, tuple(alarms), found)
     return replace(result, rows=_rows(result))
-
-
-def _look(
-    vectors: FloatArray, table: SignatureTable, detection: DetectionConfig | None
-) -> Diagnosis:
-    return detect(np.arange(1, len(vectors) + 1), vectors, table, detection)
 
 
 def _run(
@@ -194,14 +214,13 @@ def _run(
     healthy: V,
     before: FloatArray,
     case: Case,
-    table: SignatureTable,
     config: CampaignConfig,
-    detection: DetectionConfig | None,
+    look: Callable[[FloatArray], Diagnosis],
 ) -> Case:
     """Run one fault from the state of the healthy valve."""
     valve = deepcopy(healthy)
     valve.set_fault(case.fault, case.severity)
-    found = _look(np.concatenate((before, rig.run(valve, config.after))), table, detection)
+    found = look(np.concatenate((before, rig.run(valve, config.after))))
     later = [f for f in found.findings if f.alarm >= config.onset]
     if not later:
         return case

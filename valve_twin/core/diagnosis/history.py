@@ -17,6 +17,7 @@ from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.generic.motion import motion_from
+from valve_twin.core.diagnosis.generic.naming import explained_in, renamed
 from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
 from valve_twin.core.diagnosis.given.judged import judged
@@ -166,6 +167,10 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
             judged=settled.judged,
             memory=of,
         )
+        if model.feature_set.of_any_valve and part.findings:
+            of_cycles = (cycles[own], steady, explained_in(shown)[own])
+            named = renamed(part.findings, *of_cycles, table, config, restarts)
+            part = replace(part, findings=named)
         then = [
             _marked(f, _elsewhere(f, cycles, vectors, product, number, model), cycles, restarts)
             for f in part.findings

@@ -12,7 +12,12 @@ import pytest
 from valve_twin.core.diagnosis.campaign import CampaignConfig, run_campaign
 from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.detection import detect
-from valve_twin.core.diagnosis.generic.campaign import campaign_of, model_rig, own_signatures
+from valve_twin.core.diagnosis.generic.campaign import (
+    campaign_of,
+    look_of,
+    model_rig,
+    own_signatures,
+)
 from valve_twin.core.diagnosis.generic.faults import FAULTS
 from valve_twin.core.diagnosis.generic.reference import Reference
 from valve_twin.core.diagnosis.generic.rig import FaultyValve, ModelRig
@@ -63,7 +68,7 @@ def test_a_short_campaign_finds_and_names_medium_faults(name, committed):
     config = CampaignConfig(
         severities(committed, name), (41,), cycles=80, onset=61, after=7, sizes=("medium",)
     )
-    result = run_campaign(rig, table_of(rig), config)
+    result = run_campaign(rig, table_of(rig), config, look=look_of(rig))
     assert result.alarms == ()
     assert sum(r.within_5 for r in result.rows) >= len(SHORT) - 1
     assert sum(r.named for r in result.rows) >= len(SHORT) - 1
@@ -93,7 +98,8 @@ def test_the_committed_campaign_reaches_its_goals(committed):
 def test_the_campaign_gives_what_is_committed(name, committed):
     rig = model_rig(name)
     config = campaign_of(rig, tuple(range(79001, 79011)))
-    result = run_campaign(rig, table_of(rig), config, own=partial(own_signatures, rig))
+    own = partial(own_signatures, rig)
+    result = run_campaign(rig, table_of(rig), config, own=own, look=look_of(rig))
     assert len(result.alarms) <= 1
     medium = [r for r in result.rows if r.size == "medium"]
     found = sum(r.within_5 for r in medium) / sum(r.cases for r in medium)

@@ -8,11 +8,16 @@ from copy import deepcopy
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from valve_twin.core.diagnosis.campaign import CampaignConfig
-from valve_twin.core.diagnosis.config import detection_of
+import numpy as np
+
+from valve_twin.core.diagnosis.campaign import CampaignConfig, look_at_features
+from valve_twin.core.diagnosis.config import OF_ANY_VALVE, detection_of
 from valve_twin.core.diagnosis.derive import Effort, derive
+from valve_twin.core.diagnosis.detection import detect
+from valve_twin.core.diagnosis.generic.explained import NAMED, explained
 from valve_twin.core.diagnosis.generic.faults import SET_SIZES
 from valve_twin.core.diagnosis.generic.motion import motion_of
+from valve_twin.core.diagnosis.generic.naming import renamed
 from valve_twin.core.diagnosis.generic.reference import features_against, record_of
 from valve_twin.core.diagnosis.generic.rig import ModelRig
 from valve_twin.core.diagnosis.generic.signatures import SizingRig, own_table, signatures_of
@@ -26,9 +31,13 @@ from valve_twin.core.valves.registry import get_model, get_simulation
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from valve_twin.core.diagnosis.campaign import Look
+    from valve_twin.core.diagnosis.changes.finding import Diagnosis
+    from valve_twin.core.diagnosis.config import DetectionConfig
     from valve_twin.core.diagnosis.generic.rig import FaultyValve
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.simulation.config import SimulationConfig
+    from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.interface import ValveModel
 
 _SIZING = Effort(seeds=(801, 802, 803), healthy=60, faulty=8)
@@ -38,6 +47,60 @@ _SCATTERS = 0.01
 """Relative standard deviation of that parameter from cycle to cycle [1]."""
 _ALL_SCATTER = 0.003
 """The same of every parameter that is followed, where signatures are by the model [1]."""
+
+
+class NamingRig(ModelRig):
+    """A simulated valve and its model, with what explains its cycles behind their features."""
+
+    __slots__ = ()
+
+    def run(self, valve: FaultyValve, cycles: int) -> FloatArray:
+        """Run a valve on: features of its next cycles and what faults explain, (cycles, F + K)."""
+        rows, model, reference = [], self.model, valve.reference
+        assert reference is not None
+        for _ in range(cycles):
+            block, _ = valve.next_cycle()
+            cycle = Cycle(valve.cycle, self.simulation.period_s, to_frames(block))
+            shown = features_against(model, self.options, reference, cycle)
+            known = model.coefficients(
+                reference.values, reference.lag, cycle.period_s, self.options
+            )
+            found = explained(record_of(model, known, cycle))
+            behind = [found.get(name, np.nan) for name in NAMED]
+            rows.append(np.append(self.feature_set.vector(shown), behind))
+        return np.array(rows)
+
+
+def look_at_motion(
+    table: SignatureTable, config: DetectionConfig | None, rows: FloatArray
+) -> Diagnosis:
+    """Return what is found in features, named by what explains the cycles.
+
+    Parameters
+    ----------
+    table : SignatureTable
+        Signatures.
+    config : DetectionConfig or None
+        When a change is a fault; None = as for any valve.
+    rows : (N, F + K) array
+        As `NamingRig` gives them, of the cycles from 1 on [unit by feature].
+    """
+    config = config or OF_ANY_VALVE
+    features, shown = np.split(rows, [len(table.features)], axis=1)
+    cycles = np.arange(1, len(rows) + 1)
+    found = detect(cycles, features, table, config)
+    return replace(found, findings=renamed(found.findings, cycles, features, shown, table, config))
+
+
+def look_of(rig: ModelRig) -> Look:
+    """Return how the rows that a rig gives are looked at.
+
+    Parameters
+    ----------
+    rig : ModelRig
+        Valve and model.
+    """
+    return look_at_motion if isinstance(rig, NamingRig) else look_at_features
 
 
 def model_rig(name: str, simulation: SimulationConfig | None = None) -> ModelRig:
@@ -62,9 +125,10 @@ def model_rig(name: str, simulation: SimulationConfig | None = None) -> ModelRig
     simulation = simulation or get_simulation(name)
     followed = _followed(model, simulation)
     scatter = [Scatter(ages, _SCATTERS) for ages in followed[:1]]
+    kind: type[ModelRig] = NamingRig
     if model.feature_set.by_model:  # what it does not know of a cycle moves all that it sees
-        scatter = [Scatter(each, _ALL_SCATTER) for each in followed]
-    return ModelRig(model, model.options, replace(simulation, scatter=tuple(scatter)))
+        scatter, kind = [Scatter(each, _ALL_SCATTER) for each in followed], ModelRig
+    return kind(model, model.options, replace(simulation, scatter=tuple(scatter)))
 
 
 def _followed(model: ValveModel, simulation: SimulationConfig) -> list[str]:

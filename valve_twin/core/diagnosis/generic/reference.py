@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR
+from valve_twin.core.diagnosis.generic import explained
 from valve_twin.core.diagnosis.generic.features import (
     DEVIATION,
     FEATURES,
@@ -69,7 +70,14 @@ def published(model: ValveModel) -> tuple[Parameter, ...]:
         return model.parameters
     deviation = Parameter(DEVIATION, "1", "feature: rms off the model, share of the span", 0.0)
     kept = (replace(p, name=f"{_PREFIX}{p.name}", trend=False) for p in model.parameters)
-    return (*model.parameters, *FEATURES, deviation, *kept, *PARAMETERS)
+    return (
+        *model.parameters,
+        *FEATURES,
+        deviation,
+        *kept,
+        *explained.PARAMETERS,
+        *PARAMETERS,
+    )
 
 
 def has_reference(features: Rows) -> BoolArray:
@@ -155,8 +163,11 @@ def estimate_features(
         reason += f"; no reference model before {REFERENCE_CYCLES} accepted cycles"
     else:
         values += [ParameterValue(f"{_PREFIX}{n}", v) for n, v in reference.values.items()]
+        record = record_of(model, known, cycle)
+        if shown and not model.feature_set.by_model:
+            values += explained.values(record)
         if shown and not any(map(numbers_of, earlier)):
-            motion = motion_of(record_of(model, known, cycle), values)
+            motion = motion_of(record, values)
             values += motion.values() if motion else []
     return Estimate(
         model=model.name,
