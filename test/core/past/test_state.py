@@ -19,7 +19,7 @@ from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.diagnosis.products import CLOCK
 from valve_twin.core.diagnosis.table import with_floor
 from valve_twin.core.past.columns import past_of
-from valve_twin.core.past.state import FINDINGS, FIRST, AgingState
+from valve_twin.core.past.state import FINDINGS, FIRST, FIRST_FEATURES, AgingState
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import (
     Estimate,
@@ -277,6 +277,13 @@ def test_faults_that_come_and_go_for_ever_hold_no_more_features():
         assert len(state.past().features) < 1100
     full = diagnose(past_of(history), ()).findings
     assert named(diagnose(state.past(), ()).findings[-20:]) == named(full[-20:])
+
+
+def test_first_features_are_kept_once_however_long_the_valve_lives():
+    history, event = features(900, 3), Maintenance(0, 50, "seats changed", new_reference=True)
+    past = lived(history, [event], recent_features=64)
+    begun = [*range(1, FIRST_FEATURES + 1), *range(50, 50 + FIRST_FEATURES)]
+    assert past.whole.cycle[: -len(past.features)].tolist() == begun
 
 
 def test_the_findings_that_are_kept_are_bounded():

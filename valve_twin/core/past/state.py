@@ -184,7 +184,8 @@ class AgingState:
         self._settled = Settled(
             tuple(settled), before + gone, judged, found.doubt, stopped, direct
         )
-        self._let_go(kept, _begun(past.features, [m.cycle for m in events]))
+        first = _begun(self._features.rows(), [m.cycle for m in events])
+        self._let_go(kept, first[self._aside :])
         known = int(cycles[kept].min(initial=int(cycles.max()))) - _AROUND
         self._apart = {cycle: None for cycle in self._apart if cycle >= known}
         self._look_at = len(self._features) + self._recent_features
