@@ -153,6 +153,16 @@ def test_some_cycles_are_taken_where_asked(folder):
     assert {(x.first, x.last) for p in made.products for x in p.levels} == {(11, 20)}
 
 
+def test_a_file_is_written_by_a_yaml_that_names_it_already(folder, tmp_path):
+    out, config = tmp_path / "first.reference", tmp_path / "named.yaml"
+    whole = yaml.safe_load((folder / "press.yaml").read_text(encoding="utf-8"))
+    whole["/**"]["ros__parameters"]["aging"] = {"feature_reference": str(out)}
+    config.write_text(yaml.safe_dump(whole), encoding="utf-8")
+    given = ["--url", str(folder / "h.db"), "--config", str(config), "--valve", "/press/v0"]
+    assert main(["reference", *given, "-o", str(out)]) == 0
+    assert config_of(out).reference.cycles == 30
+
+
 def test_a_reference_that_is_none_of_this_valve_is_refused_in_one_line(written, tmp_path):
     damaged = tmp_path / "damaged.reference"
     damaged.write_bytes(written.read_bytes().replace(b"120", b"121", 1))

@@ -82,13 +82,15 @@ def _reference(arguments: argparse.Namespace) -> int:
         return fail("reference: give --url and --valve, or --bag", USAGE)
     wanted = _wanted(arguments.cycles)
     names = list(dict.fromkeys("/" + name.strip("/") for name in arguments.valve))
-    config = _config(load_config(arguments.config), names)
+    # a file that is not there yet may be named already
+    configs = load_config(arguments.config, without=("aging.feature_reference",))
+    config = _config(configs, names)
     model = get_model(config.model)
     taken: list[Taken] = []
     if arguments.url:
         with History(arguments.url, read_only=True) as history:
             taken = [_of_history(history, name, model, wanted) for name in names]
-    for bag in arguments.bag:
+    for bag in dict.fromkeys(arguments.bag):
         record, _ = run_offline(config, bag, close_last=False, predict=False)
         taken.append(_taken(bag, bag, past_of(record.estimates), model, wanted, 0))
     where = arguments.url or arguments.config

@@ -14,7 +14,7 @@ from valve_twin.io.errors import ConfigError
 from valve_twin.io.limits import CONSTRUCTORS_MEET, check_yaml
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
 
 WRAPPER = "ros__parameters"
@@ -61,6 +61,15 @@ class Section:
         """Namespace of a fully qualified pattern, None of one with wildcards."""
         parts = _parts(self.pattern)
         return None if any("*" in p for p in parts) else "/" + "/".join(parts[:-1])
+
+
+def merged(sections: Iterable[Section]) -> Section:
+    """Return sections as one: what comes later counts."""
+    whole = Section("/**")
+    for section in sections:
+        whole.values.update(section.values)
+        whole.lines.update(section.lines)
+    return whole
 
 
 def _parts(pattern: str) -> list[str]:

@@ -33,7 +33,7 @@ from valve_twin.io.config.keys import (
 )
 from valve_twin.io.config.nameplate import Nameplate
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
-from valve_twin.io.config.parameter_file import Section, read_parameter_file
+from valve_twin.io.config.parameter_file import merged, read_parameter_file
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.config.valve_names import expand_names
 from valve_twin.io.errors import ConfigError
@@ -101,7 +101,9 @@ class ValveConfig:
     given: dict[str, object] = field(default_factory=dict, compare=False, repr=False)
 
 
-def load_config(path: str | Path, *, node: str = "twin", name: str = "") -> list[ValveConfig]:
+def load_config(
+    path: str | Path, *, node: str = "twin", name: str = "", without: tuple[str, ...] = ()
+) -> list[ValveConfig]:
     """Read the valves of a file as the node would that is started with it.
 
     Parameters
@@ -112,6 +114,8 @@ def load_config(path: str | Path, *, node: str = "twin", name: str = "") -> list
         Node whose sections count.
     name : str
         Name of the valve where the file gives none; empty = the file's name.
+    without : tuple of str
+        Keys that are not heeded, of any valve.
 
     Returns
     -------
@@ -131,20 +135,13 @@ def load_config(path: str | Path, *, node: str = "twin", name: str = "") -> list
     configs: list[ValveConfig] = []
     for namespace in namespaces or {"/": None}:
         own = str(namespace)
-        merged = _merge([s for s in sections if s.matches(f"{own.rstrip('/')}/{node}")])
+        whole = merged(s for s in sections if s.matches(f"{own.rstrip('/')}/{node}"))
+        flat = {key: value for key, value in whole.values.items() if not key.endswith(without)}
         configs += parse_config(
-            merged.values, str(path), namespace=own, fallback=name or path.stem, lines=merged.lines
+            flat, str(path), namespace=own, fallback=name or path.stem, lines=whole.lines
         )
     _check_distinct(configs, str(path))
     return configs
-
-
-def _merge(sections: Sequence[Section]) -> Section:
-    merged = Section("/**")
-    for section in sections:
-        merged.values.update(section.values)
-        merged.lines.update(section.lines)
-    return merged
 
 
 def _check_distinct(configs: Sequence[ValveConfig], where: str) -> None:
