@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """The verb that writes a stored reference, and what refuses to be one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -31,8 +33,6 @@ def lived(cycles, seed, *, wrong=0.0, since=1):
 
 def moved(feature, estimate, by):
     """Return features of the time of an estimate, changed as they are followed."""
-    from dataclasses import replace
-
     kind = MODEL.feature_set
     by = np.broadcast_to(by, len(kind.names))
     values = [
@@ -145,6 +145,28 @@ def test_a_state_that_let_go_of_old_cycles_still_tells_an_early_fault(written):
     found = assess(past, (), config, parameters=MODEL.parameters, valve="/press/new")
     assert found.verdict.fault == "leak"
     assert "departs from it" in found.verdict.evidence
+
+
+def test_cycles_long_after_a_start_are_not_judged_as_its_first_ones(written):
+    names = MODEL.feature_set.names
+    aged = np.array(
+        [[-6e-4 * k if n.startswith("gain_") else 0.0 for n in names] for k in range(500)]
+    )
+    state = AgingState(recent=64, recent_features=64)
+    for (estimate, feature), by in zip(lived(500, 13), aged, strict=True):
+        state.add(estimate)
+        state.add(moved(feature, estimate, by))
+    late = Maintenance(cycle=200, stamp_ns=0, note="marked late", new_reference=True)
+    kept_before = replace(state.past(), whole=None)
+    for past, events in ((state.past(), [late]), (kept_before, [])):
+        given = {"parameters": MODEL.parameters, "valve": "/press/new"}
+        found = assess(past, events, config_of(written), **given)
+        assert "are kept no longer" in found.verdict.evidence
+        assert found.verdict.kind is VerdictKind.OK
+    on_time = Maintenance(cycle=500, stamp_ns=0, note="", new_reference=True)
+    for events in ([], [on_time]):
+        found = assess(state.past(), events, config_of(written), **given).diagnosis
+        assert "judged against" in found.against
 
 
 def test_some_cycles_are_taken_where_asked(folder):

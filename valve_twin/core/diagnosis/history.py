@@ -20,7 +20,7 @@ from valve_twin.core.diagnosis.generic.motion import motion_from
 from valve_twin.core.diagnosis.generic.naming import explained_in, renamed
 from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
-from valve_twin.core.diagnosis.given.judged import judged
+from valve_twin.core.diagnosis.given.judged import judged, without_first
 from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still
@@ -105,6 +105,8 @@ def _given(
     if followed is None:
         return found
     model, table, shown = followed
+    if why := without_first(past, since):
+        return replace(found, against=f"{reference.text} says nothing: {why}")
     shown = shown.take(np.flatnonzero(shown.cycle >= since))
     return judged(found, shown, model, table, reference, valve)
 

@@ -17,9 +17,12 @@ from valve_twin.core.diagnosis.reference import YET
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.given.reference import FeatureReference
     from valve_twin.core.diagnosis.table import SignatureTable
-    from valve_twin.core.past.columns import Rows
+    from valve_twin.core.past.columns import Past, Rows
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
     from valve_twin.core.valves.interface import ValveModel
+
+_FIRST = JUDGED + 8
+"""First cycles that must all be kept: those of any valve begin without features."""
 
 _LEAST = 8
 _LATELY = 8
@@ -75,6 +78,31 @@ def first_model(shown: Rows) -> dict[str, float]:
     found = {n: shown.value(n) for n in shown.parameters if n.startswith(PREFIX)}
     known = {n: v[np.isfinite(v)] for n, v in found.items()}
     return {n: float(v[0]) for n, v in known.items() if len(v)}
+
+
+def without_first(past: Past, since: int) -> str:
+    """Return why the first cycles since one cannot be judged, empty = they can.
+
+    Where a mark came late, or only newer ones were kept, they are gone: later ones tell nothing.
+
+    Parameters
+    ----------
+    past : Past
+        What is known of the valve.
+    since : int
+        Number of the first cycle.
+    """
+    whole = past.features if past.whole is None else past.whole
+    begun = np.sort(whole.key[whole.cycle >= since])[:_FIRST]
+    if past.settled is None or not len(begun):
+        return ""
+    low, high = int(begun[0]), int(begun[-1])
+    between = np.count_nonzero((whole.key >= low) & (whole.key <= high))
+    late = past.features.cycle[past.features.key == low] > since
+    before = low == 0 or bool(np.any(whole.key == low - 1))
+    if between == high - low + 1 and (before or not late.any()):
+        return ""
+    return f"the first cycles since {'maintenance' if since else 'its start'} are kept no longer"
 
 
 def judged(
