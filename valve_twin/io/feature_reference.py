@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 MAGIC = b"valve_twin feature reference 1 "
 
+_LARGEST = 1e100
+"""Number beyond which none is one of a valve, and whose square is still one, assumed [unit of each]."""
+
 
 def write_reference(reference: FeatureReference, path: str | Path) -> None:
     """Write a reference in the place of the file before, at once or not at all.
@@ -68,10 +71,41 @@ def read_reference(path: str | Path, model: ValveModel, period_s: float) -> Feat
         raise _refused(path, "is no stored reference of this version of valve_twin")
     if line + b"\n" != seal(MAGIC, content):
         raise _refused(path, "is damaged")
-    found = _reference(json.loads(content), Path(path).name)
+    found = _parsed(content, Path(path).name)
+    if found is None:
+        raise _refused(path, "holds values that no reference holds, or lacks some")
     if why := unusable(found, model, period_s):
         raise _refused(path, f"does not fit: {why}")
     return found
+
+
+def _parsed(content: bytes, name: str) -> FeatureReference | None:
+    """Return what was written, None where it is no reference."""
+    try:
+        found = _reference(json.loads(content), name)
+        return found if _is_whole(found) else None
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError):
+        return None
+
+
+def _is_whole(found: FeatureReference) -> bool:
+    """Return whether there are levels, as many values as features, and no number too large."""
+    count = len(found.features)
+    levels = [x for p in found.products for x in p.levels]
+    spans = [(0.0, p.shortest_s, p.longest_s, _LARGEST) for p in found.products]
+    rows = [*found.within, found.strays, *(row for x in levels for row in (x.values, x.moved))]
+    models = [row for _, row in found.models]
+    numbers = [v for row in (*rows, *models) for v in row if not math.isnan(v)]
+    return (
+        all(len(row) == count for row in rows)
+        and len(found.within) == count > 0
+        and all(math.isfinite(v) for row in (*found.within, found.strays) for v in row)
+        and all(abs(v) < _LARGEST for v in numbers)
+        and 0.0 < found.period_s < _LARGEST
+        and all(list(span) == sorted(span) for span in spans)
+        and bool(found.products)
+        and all(p.levels and all(x.cycles > 0 for x in p.levels) for p in found.products)
+    )
 
 
 def _refused(path: str | Path, why: str) -> ConfigError:

@@ -2,6 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """The verb that writes a stored reference, and what refuses to be one."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,9 @@ from valve_twin.core.types import Maintenance
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.io.config.valve import parse_config
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.feature_reference import MAGIC
 from valve_twin.io.history.store import CycleRecord, History
+from valve_twin.io.sealed import seal
 
 FLAT = {"model": "press_cartridge", "cycles.start_signal": "v_in", "cycles.rearm_signal": "v_out"}
 
@@ -204,6 +207,30 @@ def test_a_reference_that_is_none_of_this_valve_is_refused_in_one_line(written, 
             parse_config(given, "press.yaml")
         assert "key 'aging.feature_reference'" in str(refused.value)
         assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d.pop("covariance"),
+        lambda d: d.update(features=None),
+        lambda d: d.update(products=[]),
+        lambda d: d["products"][0].update(valves=[]),
+        lambda d: d["products"][0]["valves"][0]["level"].pop(),
+        lambda d: d["products"][0].update(shortest_s="short"),
+        lambda d: d["covariance"].pop(),
+        lambda d: d["covariance"][0].__setitem__(0, float("nan")),
+        lambda d: d["products"][0]["valves"][0]["moved"].__setitem__(0, 1e300),
+        lambda d: d.update(period_s=None),
+    ],
+)
+def test_a_file_that_is_sealed_anew_and_lacks_values_is_refused(written, tmp_path, change):
+    plain = json.loads(written.read_bytes().partition(b"\n")[2])
+    change(plain)
+    content, path = json.dumps(plain).encode(), tmp_path / "other.reference"
+    path.write_bytes(seal(MAGIC, content) + content)
+    with pytest.raises(ConfigError, match="holds values that no reference holds, or lacks some"):
+        config_of(path)
 
 
 @pytest.mark.parametrize(
