@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 MAGIC = b"valve_twin feature reference 1 "
 
 _LARGEST = 1e100
-"""Number beyond which none is one of a valve, and whose square is still one, assumed [unit of each]."""
+"""Number beyond which none is one of a valve; its square is still one, assumed [unit of each]."""
 
 
 def write_reference(reference: FeatureReference, path: str | Path) -> None:
