@@ -9,11 +9,11 @@ from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Finding
 from valve_twin.core.diagnosis.config import OF_ANY_VALVE
 from valve_twin.core.diagnosis.generic.explained import NAMED
 from valve_twin.core.diagnosis.generic.naming import renamed
-from valve_twin.core.diagnosis.generic.signatures import signatures_of
+from valve_twin.core.diagnosis.generic.signatures import derive_table
 from valve_twin.core.valves.registry import get_model
 
 ONSET, CYCLES = 15, np.arange(1, 25)
-TABLE = signatures_of(get_model("first_order"))
+TABLE = derive_table(get_model("first_order"))
 
 
 def finding(fault, *, onset=ONSET, end=-1):
