@@ -115,6 +115,12 @@ def test_maintenance_ends_a_fault_that_is_still_told_of_another_product():
     assert diagnose(history, [Maintenance(0, 43, "")]).present is None
 
 
+def test_a_mark_for_the_cycle_that_runs_leaves_what_was_found():
+    history = changed_product("leak", which=1, cycles=44)
+    found = diagnose(history, [Maintenance(0, 45, "", new_reference=True)])
+    assert found.findings == diagnose(history, ()).findings
+
+
 def features_of(model, vectors):
     """Return features as they are stored of a model that is held against a reference."""
     known = (ParameterValue(_PREFIX + model.parameters[0].name, 1.0),)

@@ -262,6 +262,8 @@ def _rate(t: FloatArray, delays: FloatArray) -> _Rate | None:
         known = np.isfinite(delay)
         if np.count_nonzero(known) >= _LEAST_CYCLES and np.ptp(t[known]) > 0.0:
             shown.append((t[known], delay[known]))
+    if not shown:
+        return None
     least = _LEAST_SHIFT_S if len(shown) > 1 else _LEAST_ALONE_S
     parts: list[float] = []
     enough = _OF_RATE * least / max(float(np.ptp(t)), 1e-300) * (1.0 - _ROUNDED)
@@ -272,8 +274,6 @@ def _rate(t: FloatArray, delays: FloatArray) -> _Rate | None:
             if not abs(parts[-1]) > enough:  # as in nearly all: the shift then is less as well
                 return None
     whole = [_slope(x, y) for x, y in shown]
-    if not whole:
-        return None
     newest = 0.0
     for slope, (x, y) in zip(whole, shown, strict=True):
         off = y - slope.value * x
