@@ -58,6 +58,16 @@ def test_a_number_that_is_known_stays_as_it_is_and_none_leaves_its_tolerance():
     assert found.numbers[2] == pytest.approx(np.exp(-0.02) * STIFF.eddies.gain_2)
 
 
+@pytest.mark.parametrize(("name", "limit"), [("time_1", 1e-4), ("time_2", 1.0)])
+def test_none_leaves_the_range_that_an_option_may_have(name, limit):
+    there = replaced(STIFF, {f"eddies.{name}": limit})
+    (cycle,) = cycles_of(changed(STIFF), 1, 4)
+    (balance, *_) = MODEL.estimate(cycle, options_for(there))
+    (found,) = (p.value for p in balance.parameters if p.name == f"eddies.{name}")
+    assert found == pytest.approx(limit, rel=0.052)
+    assert 1e-4 <= found <= 1.0
+
+
 def test_nothing_is_fitted_without_tolerance_or_whole_samples():
     assert fitted(STIFF, STIFF, np.zeros(4)) is None
     assert fitted(STIFF, STIFF, bad=range(0, 3600, 400)) is None

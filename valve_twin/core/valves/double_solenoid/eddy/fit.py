@@ -6,8 +6,8 @@
 
 for both coils together: the branches are alike, R and psi_0 are each coil's own, s (supply,
 sensors and curves beside the options) is known to `_SCALE`. Every number is known beforehand to
-the tolerance of its option and stays within it. To first order around what was found, another
-valve (a constant moved) needs no search of its own.
+the tolerance of its option and stays within it, and within its range. To first order around what
+was found, another valve (a constant moved) needs no search of its own.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.data.robust import NORMAL_975
+from valve_twin.core.quantity import describe
 from valve_twin.core.types import ParameterValue
 from valve_twin.core.valves.double_solenoid.coils import flux_record
 from valve_twin.core.valves.double_solenoid.eddies import EddyConfig
@@ -41,6 +42,7 @@ _FEWEST = 500  # fewest whole samples, assumed
 _ROUNDS = 2
 _STEP = 1e-3  # for derivatives, of the value [1]
 _LEAST = 1e-7  # that a balance leaves [Wb]
+_RANGES = np.array([(of.lower, of.upper) for of in describe(EddyConfig)])  # A/V, s
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,10 +125,11 @@ def fit_eddies(
     for _ in range(_ROUNDS):
         rest, flux = _balance(record, valve, resistances, place)
         rows = [flux.ravel()]
-        for j in range(4):
-            step = np.where(np.arange(4) == j, _STEP, 0.0)
+        ways = np.where(_around(valve, place + _STEP) < _RANGES[:, 1], _STEP, -_STEP)
+        for j, way in enumerate(ways):
+            step = np.where(np.arange(4) == j, way, 0.0)
             moved = _balance(record, valve, resistances, place + step)[0] - rest
-            rows.insert(j, -moved.ravel() / _STEP if free[j] else np.zeros(moved.size))
+            rows.insert(j, -moved.ravel() / way if free[j] else np.zeros(moved.size))
         matrix = np.column_stack(rows)
         wanted = rest.ravel() + matrix[:, :4] @ place
         if not (np.isfinite(matrix).all() and np.isfinite(wanted).all()):
@@ -148,7 +151,8 @@ def fit_eddies(
 
 def _around(valve: DoubleSolenoidPlant, logarithms: FloatArray) -> FloatArray:
     of = valve.eddies
-    return np.array([of.gain_1, of.time_1, of.gain_2, of.time_2]) * np.exp(logarithms)
+    numbers = np.array([of.gain_1, of.time_1, of.gain_2, of.time_2]) * np.exp(logarithms)
+    return np.asarray(np.clip(numbers, *_RANGES.T))
 
 
 def _balance(
