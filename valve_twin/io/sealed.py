@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import numpy as np
+
+_CANNOT = (errno.EINVAL, errno.ENOTSUP)
+"""What a file system says that flushes no folder."""
 
 
 def framed(head: object, arrays: Iterable[np.ndarray[Any, Any]]) -> bytes:
@@ -80,13 +84,16 @@ def flush(paths: Iterable[Path]) -> set[Path]:
 
 
 def flush_folder(folder: Path) -> bool:
-    """Have the disk keep the names in a folder; return whether it does, or the folder is gone."""
+    """Have the disk keep the names in a folder; return whether it does, or the folder is gone.
+
+    Some network file systems cannot be asked for a folder: they keep its names in their own way.
+    """
     try:
         sync_folder(folder, os.fsync)
     except FileNotFoundError:
         return True
-    except OSError:
-        return False
+    except OSError as err:
+        return err.errno in _CANNOT
     return True
 
 

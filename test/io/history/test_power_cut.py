@@ -6,6 +6,7 @@ What is done to the disk is recorded. Of each beginning of the record the states
 power cut may leave: what was not flushed is there, in part, as zeros, or not at all.
 """
 
+import errno
 import os
 import random
 from pathlib import Path
@@ -179,3 +180,21 @@ def test_a_disk_that_does_not_flush_promises_nothing(tmp_path, monkeypatch):
     assert unsaved.flush([one, two]) == {two}
     two.unlink()
     assert unsaved.flush([two]) == {two}, "what is stored meanwhile needs none"
+
+
+@pytest.mark.parametrize(("number", "kept"), [(errno.EINVAL, True), (errno.EIO, False)])
+def test_a_file_system_that_flushes_no_folder_loses_no_waiting_cycle(
+    number, kept, tmp_path, monkeypatch
+):
+    """Files whose flush failed are written anew: without an end where no folder can be flushed."""
+    unsaved = UnsavedCycles(tmp_path / "state", HISTORY)
+    one = unsaved.put(VALVE, kept_of(1))
+    sync = os.fsync
+
+    def refuse(of):
+        if Path(f"/proc/self/fd/{of}").readlink().is_dir():
+            raise OSError(number, os.strerror(number))
+        sync(of)
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    assert (one in unsaved.flush([one])) is kept
