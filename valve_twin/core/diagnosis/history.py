@@ -107,8 +107,7 @@ def _given(
     model, table, shown = followed
     if why := without_first(past, since):
         return replace(found, against=f"{reference.text} says nothing: {why}")
-    shown = shown.take(np.flatnonzero(shown.cycle >= since))
-    return judged(found, shown, model, table, reference, valve)
+    return judged(found, shown, since, model, table, reference, valve)
 
 
 class Searched(NamedTuple):

@@ -1,13 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The worked example of docs/diagnosis.md: a leak of the fourth cycle, by two sister presses."""
+"""What a stored reference adds: the worked example of docs/diagnosis.md, and models of valves."""
 
 import json
 import re
 import shlex
 import subprocess
 
+import numpy as np
+import pytest
+
 from valve_twin.cli.main import main
+from valve_twin.core.diagnosis.features import ESTIMATOR
+from valve_twin.core.diagnosis.generic.signatures import signatures_of
+from valve_twin.core.diagnosis.given.judged import seen_of
+from valve_twin.core.diagnosis.given.reference import make_reference
+from valve_twin.core.diagnosis.history import diagnose, followed_features
+from valve_twin.core.past.columns import past_of
+from valve_twin.core.types import Estimate, EstimateStatus, Maintenance, ParameterValue
+from valve_twin.core.valves.registry import get_model
 
 EXAMPLE = re.compile(r"<!-- example begins -->\n```sh\n(.*?)```", re.DOTALL)
 
@@ -27,3 +38,55 @@ def test_the_example_of_the_page_tells_a_leak_of_the_fourth_cycle(root, tmp_path
     assert "since cycle 4" in verdict["evidence"]
     told = "judged against the stored reference presses.reference (2 valves, 22 cycles)"
     assert told in verdict["evidence"]
+
+
+ANY = get_model("first_order")
+
+
+def lived(seed, models):
+    """Return features of a sound valve against models, of a number of cycles each."""
+    kind, random = ANY.feature_set, np.random.default_rng(seed)
+    deviation = np.sqrt(np.diag(np.array(signatures_of(ANY).covariance)))
+    own = [value for value, cycles in models for _ in range(cycles)]
+    rows = deviation * random.standard_normal((len(own), len(deviation)))
+    return [
+        Estimate(
+            model=ANY.name,
+            estimator=ESTIMATOR,
+            cycle=c,
+            start_ns=c * 30 * 10**9,
+            end_ns=c * 30 * 10**9 + 25 * 10**9,
+            parameters=(
+                ParameterValue("reference.time_constant", value),
+                *(
+                    ParameterValue(n, float(np.exp(v) if n in kind.relative else v))
+                    for n, v in zip(kind.names, row, strict=True)
+                ),
+            ),
+            status=EstimateStatus.PARTIAL,
+            reason="",
+        )
+        for c, (value, row) in enumerate(zip(own, rows, strict=True), 1)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("second", "mark", "since"),
+    [(0.8, False, None), (0.4, True, None), (0.9, True, 21), (0.8, None, 1)],
+)
+def test_a_first_model_that_was_learnt_before_a_mark_is_told_no_more(second, mark, since):
+    seen = [
+        seen_of(followed_features(past_of(lived(k, [(0.4, 20)]))), ANY, f"/v{k}") for k in range(3)
+    ]
+    reference = make_reference(
+        seen,
+        name="sisters",
+        model=ANY.name,
+        features=ANY.feature_set.names,
+        period_s=0.05,
+        models=[{"reference.time_constant": 0.4 + 0.001 * k} for k in range(3)],
+    )
+    events = [] if mark is None else [Maintenance(0, 21, "", new_reference=mark)]
+    found = diagnose(lived(9, [(0.8, 20), (second, 20)]), events, reference=reference)
+    assert [f.onset for f in found.findings if f.end < 0] == ([since] if since else [])
+    assert ("its own first model departs" in found.against) is (since is not None)

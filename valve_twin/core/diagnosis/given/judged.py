@@ -73,11 +73,19 @@ def seen_of(shown: Rows, model: ValveModel, valve: str = "") -> Seen:
     return Seen(valve, shown.cycle, duration, model.feature_set.vectors(shown.usable))
 
 
-def first_model(shown: Rows) -> dict[str, float]:
-    """Return the parameters of the first model that features were taken against, by name."""
+def first_model(shown: Rows, at: int = 0) -> dict[str, float]:
+    """Return the parameters of the first model that features were taken against, by name.
+
+    Parameters
+    ----------
+    shown : Rows
+        Features, a cycle a row.
+    at : int
+        -1: of the last model instead.
+    """
     found = {n: shown.value(n) for n in shown.parameters if n.startswith(PREFIX)}
     known = {n: v[np.isfinite(v)] for n, v in found.items()}
-    return {n: float(v[0]) for n, v in known.items() if len(v)}
+    return {n: float(v[at]) for n, v in known.items() if len(v)}
 
 
 def without_first(past: Past, since: int) -> str:
@@ -108,6 +116,7 @@ def without_first(past: Past, since: int) -> str:
 def judged(
     found: Diagnosis,
     shown: Rows,
+    since: int,
     model: ValveModel,
     table: SignatureTable,
     reference: FeatureReference,
@@ -120,7 +129,9 @@ def judged(
     found : Diagnosis
         By the valve's own past.
     shown : Rows
-        Features since its start, or its last maintenance; a cycle a row.
+        Features, a cycle a row.
+    since : int
+        First cycle since its start, or its last maintenance: these are judged.
     model : ValveModel
         Its model.
     table : SignatureTable
@@ -132,6 +143,8 @@ def judged(
     """
     if why := unusable(reference, model):
         return replace(found, against=f"{reference.text} says nothing: {why}")
+    before = first_model(shown.take(np.flatnonzero(shown.cycle < since)), -1)
+    shown = shown.take(np.flatnonzero(shown.cycle >= since))
     seen = seen_of(shown, model, valve)
     rows, product = _off(seen, reference)
     known = product >= 0
@@ -148,8 +161,9 @@ def judged(
         least=LEAST if of_any else _LEAST,
         valve=valve,
     )
-    if of_any and held.finding is None:
-        held = _by_model(held, first_model(shown), reference, cycles, valve)
+    own = first_model(shown)
+    if of_any and held.finding is None and own != before:  # else it was learnt before the mark
+        held = _by_model(held, own, reference, cycles, valve)
     if held.finding is not None:
         new = not _is_known(held.finding, found)
         findings = (held.finding, *found.findings) if new else found.findings
