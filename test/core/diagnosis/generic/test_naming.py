@@ -55,9 +55,7 @@ def test_what_explains_nearly_as_much_is_named_with_it():
     assert (found.fault, found.rivals) == ("delay", ("slow",))
 
 
-@pytest.mark.parametrize(
-    "fault", ["sensor_freeze", "sensor_noise", "sensor_offset", "no_motion", "sticking"]
-)
+@pytest.mark.parametrize("fault", ["sensor_freeze", "sensor_noise", "sensor_offset", "no_motion"])
 def test_what_no_motion_shows_keeps_its_name(fault):
     assert named(finding(fault), shown(delay=1.0)) == finding(fault)
 

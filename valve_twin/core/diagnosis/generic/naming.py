@@ -26,16 +26,8 @@ if TYPE_CHECKING:
     from valve_twin.core.past.columns import Rows
     from valve_twin.core.types import FloatArray, IntArray
 
-_KEPT = (
-    "sensor_freeze",
-    "sensor_noise",
-    "sensor_offset",
-    "no_motion",
-    "saturation",
-    "sticking",
-)
-"""Faults that are named by what they are, not by a motion: a level says nothing here, and no two
-grips of a valve that sticks are alike."""
+_KEPT = ("sensor_freeze", "sensor_noise", "sensor_offset", "no_motion", "saturation")
+"""Faults that are named by what they are, not by a motion; a level says nothing here."""
 
 _LEAST_BEFORE = 3
 """Fewest cycles before a fault that say what it explains without it."""
