@@ -6,14 +6,16 @@ import json
 import re
 import shlex
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from valve_twin.cli.main import main
+from valve_twin.core.diagnosis.changes.finding import Diagnosis
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
-from valve_twin.core.diagnosis.given.judged import seen_of
+from valve_twin.core.diagnosis.given.judged import judged, seen_of
 from valve_twin.core.diagnosis.given.reference import make_reference
 from valve_twin.core.diagnosis.history import diagnose, followed_features
 from valve_twin.core.past.columns import past_of
@@ -43,12 +45,13 @@ def test_the_example_of_the_page_tells_a_leak_of_the_fourth_cycle(root, tmp_path
 ANY = get_model("first_order")
 
 
-def lived(seed, models):
-    """Return features of a sound valve against models, of a number of cycles each."""
+def lived(seed, models, change=0.0, since=1):
+    """Return features against models, of a number of cycles each, with a change since a cycle."""
     kind, random = ANY.feature_set, np.random.default_rng(seed)
     deviation = np.sqrt(np.diag(np.array(signatures_of(ANY).covariance)))
     own = [value for value, cycles in models for _ in range(cycles)]
     rows = deviation * random.standard_normal((len(own), len(deviation)))
+    rows[since - 1 :] += change
     return [
         Estimate(
             model=ANY.name,
@@ -70,15 +73,12 @@ def lived(seed, models):
     ]
 
 
-@pytest.mark.parametrize(
-    ("second", "mark", "since"),
-    [(0.8, False, None), (0.4, True, None), (0.9, True, 21), (0.8, None, 1)],
-)
-def test_a_first_model_that_was_learnt_before_a_mark_is_told_no_more(second, mark, since):
+def sisters():
+    """Return a reference of three sound valves."""
     seen = [
         seen_of(followed_features(past_of(lived(k, [(0.4, 20)]))), ANY, f"/v{k}") for k in range(3)
     ]
-    reference = make_reference(
+    return make_reference(
         seen,
         name="sisters",
         model=ANY.name,
@@ -86,6 +86,28 @@ def test_a_first_model_that_was_learnt_before_a_mark_is_told_no_more(second, mar
         period_s=0.05,
         models=[{"reference.time_constant": 0.4 + 0.001 * k} for k in range(3)],
     )
+
+
+@pytest.mark.parametrize("over", [False, True])
+def test_a_fault_that_lasts_by_the_reference_is_told_where_the_own_past_takes_it_for_over(over):
+    table, reference = signatures_of(ANY), sisters()
+    change = next(s.change for s in table.signatures if s.fault == "sensor_gain")
+    shown = followed_features(past_of(lived(9, [(0.4, 30)], 10.0 * np.array(change), 6)))
+    given = (shown, 0, ANY, table, reference, "")
+    (fault,) = judged(Diagnosis((), 30, ready=True), *given).findings
+    assert (fault.fault, fault.onset, fault.end) == ("sensor_gain", 6, -1)
+    own = replace(fault, onset=7, end=15 if over else -1)
+    found = judged(Diagnosis((own,), 30, ready=True), *given)
+    assert found.findings == ((fault, own) if over else (own,))
+    assert found.present == (fault if over else own)
+
+
+@pytest.mark.parametrize(
+    ("second", "mark", "since"),
+    [(0.8, False, None), (0.4, True, None), (0.9, True, 21), (0.8, None, 1)],
+)
+def test_a_first_model_that_was_learnt_before_a_mark_is_told_no_more(second, mark, since):
+    reference = sisters()
     events = [] if mark is None else [Maintenance(0, 21, "", new_reference=mark)]
     found = diagnose(lived(9, [(0.8, 20), (second, 20)]), events, reference=reference)
     assert [f.onset for f in found.findings if f.end < 0] == ([since] if since else [])

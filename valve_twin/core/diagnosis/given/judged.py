@@ -187,9 +187,12 @@ def _off(seen: Seen, reference: FeatureReference) -> tuple[FloatArray, IntArray]
 
 
 def _is_known(finding: Finding, found: Diagnosis) -> bool:
-    """Return whether the own past shows the same: a fault that begins, and lasts or not, alike."""
+    """Return whether the own past shows the same: a fault that begins alike, and lasts as long."""
     return any(
-        abs(f.onset - finding.onset) <= _ALIKE and f.fault == finding.fault for f in found.findings
+        abs(f.onset - finding.onset) <= _ALIKE
+        and f.fault == finding.fault
+        and (f.end < 0 or finding.end >= 0)
+        for f in found.findings
     )
 
 
