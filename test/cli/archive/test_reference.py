@@ -4,12 +4,14 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
 from valve_twin.bench.data.years import features, life
+from valve_twin.cli.archive.reference import distinct
 from valve_twin.cli.main import main
 from valve_twin.core.aging import VerdictKind, assess
 from valve_twin.core.aging.config import AgingConfig
@@ -176,6 +178,13 @@ def test_some_cycles_are_taken_where_asked(folder):
     made = config_of(write(folder, "some.reference", "--cycles", "11..20")).reference
     assert made.cycles == 40
     assert {(x.first, x.last) for p in made.products for x in p.levels} == {(11, 20)}
+
+
+def test_a_bag_that_is_given_twice_is_one_valve(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("a").mkdir()
+    Path("link").symlink_to("a")
+    assert distinct(["b", "a/", "a", "link", str(tmp_path / "b")]) == ["b", "a/"]
 
 
 def test_a_file_is_written_by_a_yaml_that_names_it_already(folder, tmp_path):

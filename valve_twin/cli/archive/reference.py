@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -21,6 +22,7 @@ from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Sequence
 
     from valve_twin.cli.common import Verbs
     from valve_twin.core.diagnosis.given.reference import Seen
@@ -90,7 +92,7 @@ def _reference(arguments: argparse.Namespace) -> int:
     if arguments.url:
         with History(arguments.url, read_only=True) as history:
             taken = [_of_history(history, name, model, wanted) for name in names]
-    for bag in dict.fromkeys(arguments.bag):
+    for bag in distinct(arguments.bag):
         record, _ = run_offline(config, bag, close_last=False, predict=False)
         taken.append(_taken(bag, bag, past_of(record.estimates), model, wanted, 0))
     where = arguments.url or arguments.config
@@ -110,6 +112,20 @@ def _reference(arguments: argparse.Namespace) -> int:
     few = "" if len(taken) > 2 else "; few valves tell little of how valves differ"
     say(f"{arguments.out}: {made.text.removeprefix('the stored reference ')} written{few}")
     return OK
+
+
+def distinct(bags: Sequence[str]) -> list[str]:
+    """Return each bag once, as it was named first: one valve is not two that are alike.
+
+    Parameters
+    ----------
+    bags : sequence of str
+        Paths.
+    """
+    named: dict[str, str] = {}
+    for bag in bags:
+        named.setdefault(os.path.realpath(bag), bag)
+    return list(named.values())
 
 
 def _wanted(text: str | None) -> tuple[int, int] | None:
