@@ -180,6 +180,21 @@ def test_some_cycles_are_taken_where_asked(folder):
     assert {(x.first, x.last) for p in made.products for x in p.levels} == {(11, 20)}
 
 
+def test_cycles_long_after_the_first_are_none_of_them(folder):
+    """Of a condensed history the first 32 are kept, and the newest."""
+    with History(folder / "condensed.db") as history:
+        for e, f in lived(60, 5):
+            number = e.cycle if e.cycle <= 32 else 2000 + e.cycle
+            pair = [replace(x, cycle=number) for x in (e, f)]
+            history.store("/press/v0", CycleRecord(number, e.start_ns, e.end_ns, 800), pair)
+    out, url = folder / "condensed.reference", str(folder / "condensed.db")
+    given = ["--url", url, "--config", str(folder / "press.yaml"), "--valve", "/press/v0"]
+    assert main(["reference", *given, "-o", str(out)]) == 0
+    assert [(x.first, x.last) for p in config_of(out).reference.products for x in p.levels] == [
+        (1, 32)
+    ]
+
+
 def test_a_bag_that_is_given_twice_is_one_valve(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("a").mkdir()

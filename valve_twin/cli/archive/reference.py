@@ -36,6 +36,10 @@ if TYPE_CHECKING:
 _CYCLES = 40
 """Cycles of each valve since its start, or its last maintenance, that are taken by default."""
 
+_AMONG = 4
+"""Among so many times as many cycles these must be: of a condensed history some first ones are
+kept, and others thousands of cycles later."""
+
 
 def add(verbs: Verbs) -> None:
     """Add the verb."""
@@ -192,7 +196,8 @@ def _taken(
         other = f"they are of model '{rows.models[0]}'" if rows is not None else "there are none"
         msg = f"{where}: no features of {valve} are of model '{model.name}': {other}"
         raise ConfigError(msg)
-    first, last = wanted or (since, np.iinfo(np.int64).max)
+    begin = since or int(rows.cycle[0])
+    first, last = wanted or (begin, begin + _AMONG * _CYCLES - 1)
     index = np.flatnonzero((rows.cycle >= first) & (rows.cycle <= last))
     rows = rows.take(index if wanted else index[:_CYCLES])
     if not len(rows):
