@@ -163,15 +163,18 @@ def test_cycles_long_after_a_start_are_not_judged_as_its_first_ones(written):
         state.add(moved(feature, estimate, by))
     late = Maintenance(cycle=200, stamp_ns=0, note="marked late", new_reference=True)
     kept_before = replace(state.past(), whole=None)
-    for past, events in ((state.past(), [late]), (kept_before, [])):
-        given = {"parameters": MODEL.parameters, "valve": "/press/new"}
-        found = assess(past, events, config_of(written), **given)
+
+    def of(past, events):
+        given = config_of(written)
+        return assess(past, events, given, parameters=MODEL.parameters, valve="/press/new")
+
+    for past, marks in ((state.past(), (late,)), (kept_before, ())):
+        found = of(past, marks)
         assert "are kept no longer" in found.verdict.evidence
         assert found.verdict.kind is VerdictKind.OK
     on_time = Maintenance(cycle=500, stamp_ns=0, note="", new_reference=True)
-    for events in ([], [on_time]):
-        found = assess(state.past(), events, config_of(written), **given).diagnosis
-        assert "judged against" in found.against
+    for events in ((), (on_time,)):
+        assert "judged against" in of(state.past(), events).diagnosis.against
 
 
 def test_some_cycles_are_taken_where_asked(folder):
