@@ -18,7 +18,10 @@ from valve_twin.core.diagnosis.generic.moves import find_moves
 from valve_twin.core.types import Parameter, ParameterValue
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from valve_twin.core.diagnosis.generic.features import Record
+    from valve_twin.core.diagnosis.generic.moves import Move
     from valve_twin.core.types import BoolArray, FloatArray
 
 EXPLAINED = "explained."
@@ -92,15 +95,16 @@ def explained(record: Record) -> dict[str, float]:
     motion = np.interp(place, place[told], m[told]) / span
     measured = np.where(known, y / span, motion)
     off = (measured - motion)[known]
+    moves = find_moves(motion)[0]
     left = _left(off)
     found = {
         "sensor_gain": np.log(left / _behind_gain(off, motion[known])),
-        "command_loss": np.log(left / _left((measured - _lost(measured, motion))[known])),
+        "command_loss": np.log(left / _left((measured - _lost(measured, motion, moves))[known])),
         "oscillation": np.log(left / _behind_wave(measured - motion, known)),
     }
-    period_s = record.period_s * (thin.step or 1)
+    period_s, still = record.period_s * (thin.step or 1), np.zeros(len(motion))
     for name in _SHAPES:
-        sensed = Sensed(motion, np.zeros(len(motion)), period_s, source(0, 0))
+        sensed = Sensed(motion, still, period_s, source(0, 0), moves)
         sizes = _sizes(name, period_s)
         shown = np.array([measured - FAULTS[name](sensed, float(size)) for size in sizes])
         found[name] = np.log(left / min(_left(row) for row in shown[:, known]))
@@ -138,10 +142,10 @@ def _behind_wave(off: FloatArray, known: BoolArray) -> float:
     return max(float(about @ about) - 2.0 * most / count, 0.0) / count + _FLOOR**2
 
 
-def _lost(measured: FloatArray, motion: FloatArray) -> FloatArray:
+def _lost(measured: FloatArray, motion: FloatArray, moves: Sequence[Move]) -> FloatArray:
     """Return the motion without the moves that were rather lost than made, (N,) [1]."""
     out, off = motion.copy(), 0.0
-    for move in find_moves(motion)[0]:
+    for move in moves:
         part, begin = slice(move.first, move.next), float(motion[move.first])
         way = np.minimum(np.abs((motion[part] - begin) / move.way), 1.0)
         made = motion[part] + off * (1.0 - way)

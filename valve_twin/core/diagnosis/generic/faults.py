@@ -19,6 +19,7 @@ from valve_twin.kernels import njit
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from valve_twin.core.diagnosis.generic.moves import Move
     from valve_twin.core.types import FloatArray
 
 _RANDOM = 7
@@ -39,12 +40,20 @@ class Sensed:
         Sampling time [s].
     random : numpy.random.Generator
         Of what comes and goes by chance.
+    known : tuple of Move, optional
+        Moves of the motion, where they were found before.
     """
 
     motion: FloatArray
     noise: FloatArray
     period_s: float
     random: np.random.Generator
+    known: tuple[Move, ...] | None = None
+
+    @property
+    def moves(self) -> tuple[Move, ...]:
+        """Moves of the motion."""
+        return find_moves(self.motion)[0] if self.known is None else self.known
 
     def with_motion(self, motion: FloatArray) -> FloatArray:
         """Return what is measured of another motion (N,) [1]."""
@@ -78,7 +87,7 @@ def _noise(s: Sensed, size: float) -> FloatArray:
 def _lost(s: Sensed, size: float) -> FloatArray:
     """Lose moves; the next one sets off from where the valve stayed."""
     out, off = np.array(s.motion), 0.0
-    for move in find_moves(s.motion)[0]:
+    for move in s.moves:
         part, begin = slice(move.first, move.next), float(s.motion[move.first])
         if s.random.random() < size:
             out[part] = place = begin + off
@@ -127,7 +136,7 @@ def _delay(s: Sensed, size: float) -> FloatArray:
 def _slow(ways: tuple[float, ...]) -> Callable[[Sensed, float], FloatArray]:
     def slower(s: Sensed, size: float) -> FloatArray:
         out = np.array(s.motion)
-        for move in find_moves(s.motion)[0]:
+        for move in s.moves:
             if np.sign(move.way) in ways:
                 t = np.arange(move.next - move.first, dtype=np.float64)
                 out[move.first : move.next] = np.interp(
