@@ -13,12 +13,11 @@ import numpy as np
 from valve_twin.core.diagnosis.campaign import CampaignConfig, look_at_features
 from valve_twin.core.diagnosis.config import OF_ANY_VALVE, detection_of
 from valve_twin.core.diagnosis.derive import Effort, derive
-from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.generic.explained import NAMED, explained
 from valve_twin.core.diagnosis.generic.faults import SET_SIZES
 from valve_twin.core.diagnosis.generic.motion import motion_of
 from valve_twin.core.diagnosis.generic.naming import renamed
-from valve_twin.core.diagnosis.generic.reference import features_against, record_of
+from valve_twin.core.diagnosis.generic.reference import features_of, record_against
 from valve_twin.core.diagnosis.generic.rig import ModelRig
 from valve_twin.core.diagnosis.generic.signatures import SizingRig, own_table, signatures_of
 from valve_twin.core.diagnosis.table import SIZES
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis.campaign import Look
     from valve_twin.core.diagnosis.changes.finding import Diagnosis
     from valve_twin.core.diagnosis.config import DetectionConfig
+    from valve_twin.core.diagnosis.generic.features import Record
     from valve_twin.core.diagnosis.generic.rig import FaultyValve
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.simulation.config import SimulationConfig
@@ -54,21 +54,11 @@ class NamingRig(ModelRig):
 
     __slots__ = ()
 
-    def run(self, valve: FaultyValve, cycles: int) -> FloatArray:
-        """Run a valve on: features of its next cycles and what faults explain, (cycles, F + K)."""
-        rows, model, reference = [], self.model, valve.reference
-        assert reference is not None
-        for _ in range(cycles):
-            block, _ = valve.next_cycle()
-            cycle = Cycle(valve.cycle, self.simulation.period_s, to_frames(block))
-            shown = features_against(model, self.options, reference, cycle)
-            known = model.coefficients(
-                reference.values, reference.lag, cycle.period_s, self.options
-            )
-            found = explained(record_of(model, known, cycle))
-            behind = [found.get(name, np.nan) for name in NAMED]
-            rows.append(np.append(self.feature_set.vector(shown), behind))
-        return np.array(rows)
+    def row(self, record: Record) -> FloatArray:
+        """Return the features of a cycle and what faults explain of it, (F + K,)."""
+        found = explained(record)
+        behind = [found.get(name, np.nan) for name in NAMED]
+        return np.append(super().row(record), behind)
 
 
 def look_at_motion(
@@ -86,9 +76,9 @@ def look_at_motion(
         As `NamingRig` gives them, of the cycles from 1 on [unit by feature].
     """
     config = config or OF_ANY_VALVE
+    found = look_at_features(table, config, rows)
     features, shown = np.split(rows, [len(table.features)], axis=1)
     cycles = np.arange(1, len(rows) + 1)
-    found = detect(cycles, features, table, config)
     return replace(found, findings=renamed(found.findings, cycles, features, shown, table, config))
 
 
@@ -155,9 +145,8 @@ def own_signatures(rig: ModelRig, valve: FaultyValve) -> SignatureTable:
         return shared
     block, _ = deepcopy(valve).next_cycle()
     cycle = Cycle(valve.cycle, rig.simulation.period_s, to_frames(block))
-    known = model.coefficients(reference.values, reference.lag, cycle.period_s, rig.options)
-    shown = features_against(model, rig.options, reference, cycle)
-    motion = motion_of(record_of(model, known, cycle), shown)
+    record = record_against(model, rig.options, reference, cycle)
+    motion = motion_of(record, features_of(model, record))
     return own_table(model.name, motion) if motion else shared
 
 

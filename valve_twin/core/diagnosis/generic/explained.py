@@ -84,8 +84,8 @@ def explained(record: Record) -> dict[str, float]:
         Logarithm of the squared difference over what is left of it [1], both about their mean:
         where the free run drifts, its level says nothing.
     """
-    thin = slice(None, None, 1 + len(record.position) // _MOST)
-    y, m = record.position[thin], record.response[thin]
+    step = 1 + len(record.position) // _MOST
+    y, m = record.position[::step], record.response[::step]
     told = np.isfinite(m)
     known = np.isfinite(y) & told
     span = float(np.ptp(m[known])) if np.count_nonzero(known) >= _LEAST else 0.0
@@ -102,9 +102,9 @@ def explained(record: Record) -> dict[str, float]:
         "command_loss": np.log(left / _left((measured - _lost(measured, motion, moves))[known])),
         "oscillation": np.log(left / _behind_wave(measured - motion, known)),
     }
-    period_s, still = record.period_s * (thin.step or 1), np.zeros(len(motion))
+    period_s = record.period_s * step
+    sensed = Sensed(motion, np.zeros(len(motion)), period_s, source(0, 0), moves)
     for name in _SHAPES:
-        sensed = Sensed(motion, still, period_s, source(0, 0), moves)
         sizes = _sizes(name, period_s)
         shown = np.array([measured - FAULTS[name](sensed, float(size)) for size in sizes])
         found[name] = np.log(left / min(_left(row) for row in shown[:, known]))

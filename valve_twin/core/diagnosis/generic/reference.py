@@ -151,7 +151,8 @@ def estimate_features(
         known = model.coefficients(reference.values, reference.lag, cycle.period_s, options)
         if not np.isfinite(known).all():
             reference = None  # it lacks a parameter that no cycle has shown yet
-    values = [*features_against(model, options, reference, cycle), *model.features(cycle, options)]
+    record = record_of(model, None if reference is None else known, cycle)
+    values = [*features_of(model, record), *model.features(cycle, options)]
     followed = model.feature_set.names
     shown = sum(p.usable for p in values if p.name in followed)
     status, reason = EstimateStatus.PARTIAL, f"{shown} of {len(followed)} features are shown"
@@ -163,7 +164,6 @@ def estimate_features(
         reason += f"; no reference model before {REFERENCE_CYCLES} accepted cycles"
     else:
         values += [ParameterValue(f"{_PREFIX}{n}", v) for n, v in reference.values.items()]
-        record = record_of(model, known, cycle)
         if shown and not model.feature_set.by_model:
             values += explained.values(record)
         if shown and not any(map(numbers_of, earlier)):
@@ -185,10 +185,25 @@ def estimate_features(
     )
 
 
-def features_against(
+def features_of(model: ValveModel, record: Record) -> list[ParameterValue]:
+    """Return the features that every valve has, as far as a cycle shows them.
+
+    Parameters
+    ----------
+    model : ValveModel
+        The valve's model.
+    record : Record
+        Measured position and free run of the cycle.
+    """
+    followed = model.feature_set.names
+    found = cycle_features(record)
+    return [_value(n, v) for n, v in found.items() if n in followed or n == DEVIATION]
+
+
+def record_against(
     model: ValveModel, options: Options, reference: Reference | None, cycle: Cycle
-) -> list[ParameterValue]:
-    """Return the features that every valve has, as far as the cycle shows them.
+) -> Record:
+    """Return measured position and free run of a cycle under a reference model.
 
     Parameters
     ----------
@@ -197,7 +212,7 @@ def features_against(
     options : dataclass
         Its options.
     reference : Reference or None
-        What the valve is held against; without it only few features are there.
+        What the valve is held against; without it there is no free run.
     cycle : Cycle
         With at least one sample.
     """
@@ -205,9 +220,7 @@ def features_against(
     if reference is not None:
         coefficients = model.coefficients(reference.values, reference.lag, cycle.period_s, options)
         coefficients = coefficients if np.isfinite(coefficients).all() else None
-    followed = model.feature_set.names
-    found = cycle_features(record_of(model, coefficients, cycle))
-    return [_value(n, v) for n, v in found.items() if n in followed or n == DEVIATION]
+    return record_of(model, coefficients, cycle)
 
 
 def record_of(model: ValveModel, coefficients: FloatArray | None, cycle: Cycle) -> Record:

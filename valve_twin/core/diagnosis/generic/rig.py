@@ -16,7 +16,8 @@ from valve_twin.core.diagnosis.generic.features import Record, cycle_features
 from valve_twin.core.diagnosis.generic.reference import (
     REFERENCE_CYCLES,
     Reference,
-    features_against,
+    features_of,
+    record_against,
     reference_of,
 )
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
@@ -123,9 +124,12 @@ class ModelRig(SimulatedBench[ValveModel]):
         for _ in range(cycles):
             block, _ = valve.next_cycle()
             cycle = Cycle(valve.cycle, self.simulation.period_s, to_frames(block))
-            shown = features_against(self.model, self.options, valve.reference, cycle)
-            rows.append(self.feature_set.vector(shown))
+            rows.append(self.row(record_against(self.model, self.options, valve.reference, cycle)))
         return np.array(rows)
+
+    def row(self, record: Record) -> FloatArray:
+        """Return what is looked at of a cycle: its features as they are followed, (F,)."""
+        return self.feature_set.vector(features_of(self.model, record))
 
 
 @dataclass(frozen=True, slots=True)
