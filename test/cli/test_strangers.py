@@ -33,6 +33,27 @@ def test_any_valve_is_configured_from_an_earlier_record_and_then_watched(tmp_pat
     assert len({record["trouble"]["name"] for record in troubled}) == 4
 
 
+def test_first_cycles_are_judged_with_and_without_a_reference_of_sisters(tmp_path):
+    """Seed 73012 is one of tuning; its faults: from cycle 1, and from three later ones."""
+    out = tmp_path / "first.json"
+    asked = ["--seed-base", "73012", "--count", "1", "--with-reference", "2", "--json", str(out)]
+    assert main(["campaign", "--strangers", *asked]) == 0
+    figures = json.loads(out.read_text(encoding="utf-8"))
+    (met,) = figures["strangers"]
+    assert (met["sisters"], met["refused"]) == (2, "")
+    assert met["words"][0].count("o") > 5
+    assert [t["onset"] == 1 for t in met["troubles"]] == [True, False, False, False]
+    told = {n: v for n, v in figures["shares"].items() if n.endswith("told at 15")}
+    assert sum(v[0] for n, v in told.items() if n.startswith("with:")) > sum(
+        v[0] for n, v in told.items() if n.startswith("without:")
+    )
+
+
+def test_a_reference_is_for_presses(capsys):
+    assert main(["campaign", "--strangers", "any", "--with-reference", "3"]) == 2
+    assert "--with-reference is for --strangers press" in capsys.readouterr().err
+
+
 def test_the_twin_that_meets_them_is_configured_as_shipped(root):
     built, shipped = setup_of(None), setup_of(str(root / "config" / "press_cartridge.yaml"))
     assert built == shipped

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from valve_twin.cli.common import OK, positive, progress_of, seed_number
+from valve_twin.cli.common import OK, USAGE, fail, positive, progress_of, seed_number
 from valve_twin.cli.output import console, plain, table
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config.valve import load_config, parse_config
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from valve_twin.validation.strangers.campaign import Met, Scored
+    from valve_twin.validation.strangers.early import FirstCycles
     from valve_twin.validation.strangers.score import Score
     from valve_twin.validation.strangers.watch import Setup
 
@@ -52,7 +53,14 @@ def add_strangers(parser: argparse.ArgumentParser) -> None:
         "--count",
         type=positive,
         metavar="K",
-        help="how many strangers, default 200 presses, 12 of any",
+        help="how many strangers, default 200 presses, 12 of any, 40 with --with-reference",
+    )
+    parser.add_argument(
+        "--with-reference",
+        type=positive,
+        metavar="SISTERS",
+        help="instead judge the first cycles of presses, sound and with early faults, with and "
+        "without a reference that so many sisters made",
     )
 
 
@@ -73,11 +81,20 @@ def setup_of(path: str | None) -> Setup:
 def run_strangers(arguments: argparse.Namespace) -> int:
     """Meet the strangers, print the table and write the figures."""
     if arguments.strangers == ANY:
+        if arguments.with_reference:
+            return fail("campaign: --with-reference is for --strangers press", USAGE)
         from valve_twin.cli.bags.any_strangers import configured, described
         from valve_twin.validation.any_strangers import campaign as any_valve
 
         scored = any_valve.SCORED_BASE, any_valve.SCORED_COUNT
         _campaign(arguments, scored, partial(any_valve.meet, configured=configured), described)
+    elif arguments.with_reference:
+        from valve_twin.validation.strangers import early
+
+        setup = setup_of(arguments.config)
+        scored = early.REFERENCE_BASE, early.REFERENCE_COUNT
+        meet = partial(early.meet_families, setup=setup, sisters=arguments.with_reference)
+        _campaign(arguments, scored, meet, _family_described)
     else:
         from valve_twin.validation.strangers import campaign as press
 
@@ -129,6 +146,20 @@ def _described(met: Met) -> dict[str, object]:
     return {name: plain(value) for name, value in found.items()}
 
 
+def _family_described(met: FirstCycles) -> dict[str, object]:
+    """Return what was told of the first cycles of a press as plain data."""
+    found = {
+        "seed": met.family.seed,
+        "sisters": len(met.family.sisters),
+        "refused": met.refused,
+        "words": met.words,
+        "troubles": [asdict(t) for t in met.family.troubles],
+        "why": dict(met.why),
+        "shares": met.score.shares,
+    }
+    return {name: plain(value) for name, value in found.items()}
+
+
 def _show(whole: Score) -> None:
     """Print every share."""
     shown = table("Strangers", ("figure",), ("hits", "cases", "share"))
@@ -136,6 +167,8 @@ def _show(whole: Score) -> None:
         shown.add_row(name, f"{hits:.0f}", f"{cases:.0f}", f"{100.0 * hits / cases:.1f} %")
     out = console()
     out.print(shown)
+    if not whole.delays:
+        return
     found = [d for d in whole.delays if d]
     median = f"{statistics.median(found):.1f}" if found else "-"
     out.print(

@@ -29,6 +29,7 @@ from valve_twin.core.diagnosis.table import BY_NAME, PAIRS
 from valve_twin.validation.strangers.record import aged, gain, leak
 
 if TYPE_CHECKING:
+    from valve_twin.core.aging import Assessment
     from valve_twin.core.aging.verdict import Trend
     from valve_twin.validation.strangers.draw import Stranger
     from valve_twin.validation.strangers.troubles import Trouble
@@ -153,7 +154,7 @@ class _Truth:
         return high
 
 
-_LETTERS = dict(zip(VerdictKind, "novcspru", strict=True))
+LETTERS = dict(zip(VerdictKind, "novcspru", strict=True))
 """Of a verdict: the part (v, c, s, p), ok, or why nothing is named (n, r, u)."""
 
 
@@ -163,7 +164,7 @@ def _score_verdicts(found: Score, stranger: Stranger, said: list[Said], truth: _
         verdict = one.assessment.verdict if one.assessment else None
         kind = verdict.kind if verdict else VerdictKind.NOT_ENOUGH_DATA
         kinds.append(kind)
-        found.words += _LETTERS[kind]
+        found.words += LETTERS[kind]
         _score_cycle(found, stranger, one, kind, truth.wear(one.cycle))
     _score_flicker(found, stranger)
     for trouble in stranger.troubles:
@@ -185,7 +186,7 @@ def _score_cycle(
     big = [t for t in active if _is_big(t)]
     early = any(t.onset <= EARLY for t in big)
     late = one.cycle >= FIRST_JUDGED
-    silent, word = kind is VerdictKind.OK, _LETTERS[kind]
+    silent, word = kind is VerdictKind.OK, LETTERS[kind]
     unusable = stranger.logger.bits <= FEW_BITS or bool(stranger.logger.clocks_apart)
     if not active and not recent:
         named = kind.names_part
@@ -229,12 +230,26 @@ def _fault(one: Said) -> str:
 
 
 def _names(one: Said, kind: VerdictKind, trouble: Trouble) -> bool:
-    """Whether a verdict names the part of a fault, alone or as one of a published pair."""
+    return names_part_of(one.assessment, kind, trouble)
+
+
+def names_part_of(assessment: Assessment | None, kind: VerdictKind, trouble: Trouble) -> bool:
+    """Return whether a verdict names the part of a fault, alone or as one of a published pair.
+
+    Parameters
+    ----------
+    assessment : Assessment or None
+        What was said.
+    kind : VerdictKind
+        The verdict.
+    trouble : Trouble
+        The fault.
+    """
     if not kind.names_part:
         return False
     if kind.text == trouble.part:
         return True
-    finding = one.assessment.diagnosis.present if one.assessment else None
+    finding = assessment.diagnosis.present if assessment else None
     if finding is None or len(finding.rivals) != 1:
         return False
     both = frozenset({finding.fault, *finding.rivals})

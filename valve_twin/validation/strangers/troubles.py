@@ -111,23 +111,42 @@ def draw_troubles(rng: np.random.Generator, cycles: int, sigma: float) -> tuple[
     names = rng.choice(list(TROUBLES), size=count, replace=False)
     found = []
     for name in (str(n) for n in names):
-        medium, part = TROUBLES[name]
         size = str(rng.choice(list(_SIZE)))
         onset = int(rng.integers(1, cycles - 3))
         lasting = rng.random() < 0.6
         end = 0 if lasting else min(onset + int(rng.integers(3, 12)), cycles + 1)
-        grown = max(1.0, sigma / _OF_NOISE) if name not in _GROSS else 1.0
-        severity = medium * grown * (_SIZE[size] if name not in _GROSS else 1.0)
-        severity = min(severity, _MOST.get(name, 1.0))
-        if name in _TWO_SIDED and rng.random() < 0.5:
-            severity = -severity
-        found.append(
-            Trouble(name, part, "large" if name in _GROSS else size, severity, onset, end)
-        )
+        found.append(trouble_of(rng, name, size, sigma, onset, end))
     return tuple(found)
 
 
-_GROSS = {"no_motion", "frozen"}
+def trouble_of(
+    rng: np.random.Generator, name: str, size: str, sigma: float, onset: int, end: int = 0
+) -> Trouble:
+    """Return a fault of a size, whose sign is drawn where it may have either.
+
+    Parameters
+    ----------
+    rng : Generator
+        Source of the random numbers.
+    name, size : str
+        Of `TROUBLES`, and small, medium or large.
+    sigma : float
+        Noise of the recorded position [1].
+    onset, end : int
+        Its first cycle, and the one behind its last, 0 = it lasts [1].
+    """
+    medium, part = TROUBLES[name]
+    gross = name in GROSS
+    severity = medium if gross else medium * max(1.0, sigma / _OF_NOISE) * _SIZE[size]
+    severity = min(severity, _MOST.get(name, 1.0))
+    if name in _TWO_SIDED and rng.random() < 0.5:
+        severity = -severity
+    return Trouble(name, part, "large" if gross else size, severity, onset, end)
+
+
+GROSS = {"no_motion", "frozen"}
+"""Faults that have no size."""
+
 _TWO_SIDED = {"sensor_offset", "sensor_gain", "command_offset"}
 _MOST = {
     "leak": 0.01,

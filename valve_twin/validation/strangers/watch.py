@@ -94,11 +94,38 @@ def watch(stranger: Stranger, setup: Setup) -> list[Said]:
     list of Said
         One a production cycle, in order.
     """
+    presses: list[Press] = []
+    found = _estimated(stranger, setup, presses)
+    return list(_assessed(found, presses, setup))
+
+
+def estimated(stranger: Stranger, setup: Setup) -> list[tuple[Estimate, ...]]:
+    """Estimate every cycle of a stranger.
+
+    Parameters
+    ----------
+    stranger : Stranger
+        Which.
+    setup : Setup
+        The twin's configuration; its sampling time is set to the stranger's.
+
+    Returns
+    -------
+    list of tuple of Estimate
+        Those of every estimator, by production cycle; empty where it gave none.
+    """
+    found = _estimated(stranger, setup, [])
+    return [found.get(number, ()) for number in range(1, stranger.cycles + 1)]
+
+
+def _estimated(
+    stranger: Stranger, setup: Setup, presses: list[Press]
+) -> dict[int, tuple[Estimate, ...]]:
+    """Return the estimates by production cycle, and add the press of each to `presses`."""
     model = get_model(MODEL)
     twin = Twin(replace(setup.twin, period_s=stranger.logger.period_s), model)
     twin.predicts = False
     starts: list[int] = []
-    presses: list[Press] = []
     found: dict[int, tuple[Estimate, ...]] = {}
     for part in record(stranger):
         starts.append(part.start_ns)
@@ -112,7 +139,7 @@ def watch(stranger: Stranger, setup: Setup) -> list[Said]:
         )
         _settle(twin, events, setup, starts, found)
     _settle(twin, twin.finish(), setup, starts, found)
-    return list(_assessed(found, presses, setup))
+    return found
 
 
 def _settle(
