@@ -124,11 +124,11 @@ def test_a_flipped_byte_of_the_file_is_never_shown(file, caplog):
     assert refused
 
 
-def test_what_an_older_twin_stores_after_the_upgrade_is_believed(file):
+def test_a_row_whose_check_sum_is_zero_is_named_as_any_other(file):
     change(file, "UPDATE estimate SET check_sum = 0 WHERE cycle = 7")
     with History(file, read_only=True) as history:
-        assert [e.cycle for e in history.estimates(VALVE)] == list(range(1, CYCLES + 1))
-        assert history.verify().damaged == []
+        assert 7 not in [e.cycle for e in history.estimates(VALVE)]
+        assert len(history.verify().damaged) == 1
 
 
 def test_a_page_goes_on_behind_damaged_rows_and_their_numbers_stay_taken(file):

@@ -25,6 +25,7 @@ from valve_twin.io.history.tables import (
     MAINTENANCE,
     UNSUMMED,
     VERDICT,
+    row_estimate,
 )
 from valve_twin.io.history.valves.names import read_names, tell_once
 from valve_twin.io.mcap.checksum import crc32
@@ -40,7 +41,11 @@ _PAGE = 1000
 _MOST_PROBLEMS = 20
 _SEPARATOR = "\x1f"
 UNSEALED = 0
-"""Of a row that a twin of a version before check sums stored after the upgrade: it is believed."""
+"""Of a row from before check sums, until the upgrade seals it. Where it stands later it is no sum:
+zeros are what a file that was cut or never written to its end is filled with."""
+
+SEALED_SINCE = "0007"
+"""Schema since which every row that is stored carries its check sum."""
 
 SEALED = (CYCLE, ESTIMATE, MAINTENANCE, VERDICT, EVENT, COUNTERS, CONDENSATE, CONDENSED)
 """Tables whose rows carry a check sum."""
@@ -97,7 +102,7 @@ def sound_rows(
         The database, for messages.
     """
     for row in rows:
-        if row[CHECK_SUM] in (UNSEALED, row_sum(table, row)):
+        if row[CHECK_SUM] == row_sum(table, row):
             yield row
         else:
             tell_once(_damaged_line(table, row, where))
@@ -160,7 +165,7 @@ def _verified(connection: Connection, where: str) -> Verification:
         result = connection.execution_options(yield_per=_PAGE).execute(sa.select(table))
         for row in result.mappings():
             found.rows += 1
-            if row[CHECK_SUM] not in (UNSEALED, row_sum(table, dict(row))):
+            if row[CHECK_SUM] != row_sum(table, dict(row)):
                 found.damaged.append(_damaged_line(table, dict(row), where))
             elif row["valve_id"] not in known | damaged:
                 found.damaged.append(f"{_place(table, dict(row), where)}: its valve is not there")
@@ -173,6 +178,8 @@ def _verified(connection: Connection, where: str) -> Verification:
 
 def seal_all(connection: Connection) -> None:
     """Write the check sums of all rows, which are from before there were any.
+
+    A row that cannot be read gets none: it is named as damaged from then on.
 
     Parameters
     ----------
@@ -196,12 +203,21 @@ def seal_all(connection: Connection) -> None:
                 break
             last = tuple(rows[-1][c.name] for c in key)
             page = [
-                {"new_sum": max(row_sum(table, r), 0), **{f"key_{c.name}": r[c.name] for c in key}}
+                {"new_sum": row_sum(table, r), **{f"key_{c.name}": r[c.name] for c in key}}
                 for r in rows
-                if r[CHECK_SUM] == UNSEALED
+                if r[CHECK_SUM] == UNSEALED and _is_readable(table, r)
             ]
             if page:
                 connection.execute(change, page)
+
+
+def _is_readable(table: sa.Table, row: Mapping[str, Any]) -> bool:
+    try:
+        if table is ESTIMATE:
+            row_estimate(row)
+    except (ValueError, TypeError, LookupError, AttributeError):
+        return False
+    return row_sum(table, row) >= 0
 
 
 def _damaged_line(table: sa.Table, row: Mapping[str, Any], where: str) -> str:

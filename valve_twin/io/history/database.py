@@ -20,7 +20,7 @@ from sqlalchemy.engine import URL, Connection, Engine, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, NoSuchTableError
 
 from valve_twin.io.errors import StoreError
-from valve_twin.io.history.check_sums import seal_all
+from valve_twin.io.history.check_sums import SEALED_SINCE, seal_all
 from valve_twin.io.history.errors import explain
 from valve_twin.io.history.migrations.schema import create, migrate
 from valve_twin.io.history.tables import METADATA, SCHEMA_TABLE, SCHEMA_VERSION
@@ -341,8 +341,7 @@ class Database:
                 )
                 raise StoreError(msg)
             return False
-        schema = sa.table(SCHEMA_TABLE, sa.column("version_num"))
-        version = connection.scalar(sa.select(schema.c.version_num)) or ""
+        version = _version(connection)
         if version > SCHEMA_VERSION:
             msg = (
                 f"{self.where}: was written by a newer valve_twin (schema {version}, this one"
@@ -361,9 +360,16 @@ class Database:
             if not sa.inspect(connection).has_table(SCHEMA_TABLE):
                 create(connection)
                 return
+            before = _version(connection)
             migrate(connection)
-            seal_all(connection)
+            if before < SEALED_SINCE:
+                seal_all(connection)
             seal_names(connection)
+
+
+def _version(connection: Connection) -> str:
+    schema = sa.table(SCHEMA_TABLE, sa.column("version_num"))
+    return connection.scalar(sa.select(schema.c.version_num)) or ""
 
 
 def place_of(url: str) -> str:

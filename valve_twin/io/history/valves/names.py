@@ -29,6 +29,9 @@ _SUM = VALVE.c[CHECK_SUM]
 UNSEALED = 0
 """Of a name that a twin of a version before its check sum stored after the upgrade: believed."""
 
+_CUT = "\0"
+"""In a name whose end lies, with its check sum, where a file was cut: SQLite reads zeros there."""
+
 _ROWS = sa.select(VALVE.c.id, VALVE.c.name, _SUM)
 DIGEST_BITS = 62
 """So many bits of a SHA-256, the first ones, go into the digest of a name."""
@@ -109,6 +112,8 @@ def seal_names(connection: Connection) -> None:
     """
     rows = connection.execute(sa.select(VALVE.c.id, VALVE.c.name).where(_SUM == UNSEALED)).all()
     for key, name in rows:
+        if _CUT in name:
+            continue
         change = VALVE.update().where(VALVE.c.id == key)
         connection.execute(change.values({CHECK_SUM: key + digest_of(name)}))
 
@@ -143,7 +148,7 @@ def damaged_keys(
 
 
 def _is_sound(key: int, name: str, sum_: int) -> bool:
-    return sum_ in {UNSEALED, key + digest_of(name)}
+    return sum_ == key + digest_of(name) or (sum_ == UNSEALED and _CUT not in name)
 
 
 def tell_once(line: str) -> None:
