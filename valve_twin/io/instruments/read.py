@@ -68,7 +68,8 @@ def kind_of(path: Path) -> str:
         If the file is not there or of a kind that is not read.
     """
     if path.is_dir():
-        return "sqlite" if any(path.glob("*.db3")) else "mcap"
+        packed_too = (*path.glob("*.db3"), *path.glob("*.db3.zstd"))
+        return "sqlite" if packed_too else "mcap"
     try:
         with path.open("rb") as file:
             begin = file.read(64)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from valve_twin.io.errors import BagError
+from valve_twin.io.instruments.sqlite_doubts import look_at
 from valve_twin.io.instruments.table import Column, Recording, check_size, rising, unique, wild_row
 
 if TYPE_CHECKING:
@@ -41,11 +42,13 @@ def read_sqlite_bag(path: Path) -> Recording:
     folder = path if path.is_dir() else path.parent
     found: dict[str, tuple[list[int], list[float]]] = {}
     notices: dict[str, str] = {}
-    received = False
+    received, read = False, 0
     try:
         check_size(path, sum(f.stat().st_size for f in folder.glob("*.db3")))
+        stored = look_at(folder)
         with AnyReader([folder], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
             for connection, log_ns, data in bag.messages():
+                read += 1
                 if connection.topic in notices:
                     continue
                 try:
@@ -69,20 +72,26 @@ def read_sqlite_bag(path: Path) -> Recording:
     if not found:
         msg = f"{path}: holds no numeric field"
         raise BagError(msg)
-    read = {name: _rising(*parts) for name, parts in found.items()}
-    for name, (keep, _, _) in read.items():
+    told = list(stored.notices)
+    if read != stored.messages:
+        told.append(
+            f"{path}: {stored.messages - read} of {stored.messages} messages cannot be found:"
+            " their topic or time is damaged, or metadata.yaml describes the topic otherwise"
+        )
+    rows = {name: _rising(*parts) for name, parts in found.items()}
+    for name, (keep, _, _) in rows.items():
         topic = name.partition(":")[0]
         if not keep.all() and topic not in notices:
-            told = wild_row(np.array(found[name][0]) * 1e-9, keep)
-            notices[topic] = f"{path}: topic '{topic}': stamp {told}"
-    start_ns = min(int(stamps[0]) for _, stamps, _ in read.values())
+            wild = wild_row(np.array(found[name][0]) * 1e-9, keep)
+            notices[topic] = f"{path}: topic '{topic}': stamp {wild}"
+    start_ns = min(int(stamps[0]) for _, stamps, _ in rows.values())
     columns = [
         Column(name, "", 1e-9 * (stamps - start_ns).astype(np.float64), values)
-        for name, (_, stamps, values) in read.items()
+        for name, (_, stamps, values) in rows.items()
     ]
     clock = "receive times" if received else "header stamps"
     return Recording(path, unique(columns), clock, measured=True, start_ns=start_ns,
-                     notices=tuple(notices.values()))  # fmt: skip
+                     notices=(*told, *notices.values()))  # fmt: skip
 
 
 def _rising(stamps: list[int], values: list[float]) -> tuple[BoolArray, IntArray, FloatArray]:
