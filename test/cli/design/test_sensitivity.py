@@ -78,9 +78,11 @@ def test_chosen_numbers_and_their_share(capsys):
         (["--of", "diameter"], "'diameter' is no number of the design"),
         (["--fidelity", "fine"], "fidelity 'fine': must be one of search, usual, twice"),
         (["--of", "gap_ratio", "--sobol", "20"], "1 numbers, 20 designs: indices take 2 numbers"),
+        (["--sobol", "13"], "6 numbers, 13 designs: indices take 2 numbers or more and 14"),
     ],
 )
-def test_bad_input_is_one_line(words, said, capsys):
+def test_bad_input_is_one_line_before_anything_is_computed(words, said, capsys, monkeypatch):
+    monkeypatch.setattr(sensitivity, "runner_of", lambda *_, **__: pytest.fail)
     assert main(["design", "sensitivity", *words]) == 2
     shown = capsys.readouterr().err
     assert said in shown

@@ -119,6 +119,12 @@ def test_what_lies_beyond_the_map_is_named_with_its_range():
         found.force(np.array([[np.nan, 1.0]]), np.zeros(1))
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (2,), (2, 2), (1, 3)])
+def test_currents_of_another_shape_are_one_line(shape):
+    with pytest.raises(ValueError, match=r"currents of shape .*, 1 positions: must be a row for"):
+        two_coils().flux(np.ones(shape), np.zeros(1))
+
+
 def test_a_flux_that_falls_with_its_current_is_refused():
     assert check_inductances(two_coils()) == pytest.approx(0.025 - 18e-3, rel=1e-3)
     with pytest.raises(ValueError, match=r"psi_A falls with its current at .* compute the map at"):

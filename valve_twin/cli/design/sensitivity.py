@@ -162,6 +162,7 @@ def run_study(
     from valve_twin.design.search.sensitivity import (
         SHARE,
         Study,
+        fewest_designs,
         names_of,
         one_at_a_time,
         sobol_indices,
@@ -177,6 +178,8 @@ def run_study(
     with refusals():
         names = names_of(design, arguments.of)
         find_fidelity(arguments.fidelity)
+        if arguments.sobol:  # before minutes of fields
+            fewest_designs(len(arguments.of) or min(_MOST, len(names)), arguments.sobol)
 
         def study(advance: Callable[[], None]) -> Study:
             return Study(design, archive, run, arguments.valve, arguments.fidelity, advance)

@@ -78,7 +78,7 @@ class CoenergyMap:
         Raises
         ------
         ValueError
-            If a value lies beyond the map; names it and the range.
+            If a value lies beyond the map, named with its range, or shapes do not fit.
         """
         coils = range(len(self.coils))
         return np.stack([self._slope(currents, position, self._order(k)) for k in coils], axis=-1)
@@ -174,6 +174,13 @@ class CoenergyMap:
     def _slope(
         self, currents: FloatArray, position: FloatArray, order: tuple[int, ...]
     ) -> FloatArray:
+        coils = ", ".join(self.coils)
+        if np.ndim(currents) != 2 or np.shape(currents) != (np.size(position), len(self.coils)):
+            message = (
+                f"currents of shape {np.shape(currents)}, {np.size(position)} positions: must be "
+                f"a row for each position, a column for each coil, {coils}"
+            )
+            raise ValueError(message)
         points = np.column_stack([currents, position]).astype(np.float64)
         names = [f"i_{name}" for name in self.coils] + ["x"]
         for column, name in enumerate(names):

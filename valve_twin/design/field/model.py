@@ -17,7 +17,7 @@ from valve_twin.design.materials import Linear, Magnet, Steel
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
-    from valve_twin.design.geometry.section import Section
+    from valve_twin.design.geometry.section import Motion, Region, Section
 
 _TABLE_STEPS = 300
 _QUADRATURE = 4  # exact degree: 6 points
@@ -256,11 +256,23 @@ def _check_stretched(section: Section, grid: Grid, ends: FloatArray, stretched: 
             continue
         moves = ends[:, of]
         if np.isin(stretched, np.flatnonzero(of)).any() or np.ptp(moves) > 0.0:
-            message = f"{region.name}: lies in the air that the motion stretches: move it out"
-            raise ValueError(message)
+            raise ValueError(_in_the_way(region, section.motion))
         if region.coil and moves.any():
             message = f"{region.name}: a coil cannot move: keep it outside motion.still_radius"
             raise ValueError(message)
+
+
+def _in_the_way(region: Region, m: Motion | None) -> str:
+    """Return where a region lies that the motion would deform, and where it must not lie."""
+    r, z = zip(*region.outline, strict=True)
+    at = f"r = {min(r):g} to {max(r):g}, z = {min(z):g} to {max(z):g}"
+    if m is None:
+        return f"{region.name}: {at} [m] lies in the air that the motion stretches: move it out"
+    return (
+        f"{region.name}: {at} lies in the air that the motion stretches, r below "
+        f"{m.still_radius:g} and z from {m.still_low:g} to {m.still_high:g} except r below "
+        f"{m.radius:g} and z from {m.low:g} to {m.high:g} [m]: move it out"
+    )
 
 
 def _coils(section: Section, grid: Grid, elements: Elements, count: int) -> FloatArray:

@@ -221,13 +221,7 @@ def sobol_indices(
     """
     from scipy.stats import qmc
 
-    least = 2 * (len(names) + 1)
-    if len(names) < 2 or samples < least:
-        message = (
-            f"{len(names)} numbers, {samples} designs: indices take 2 numbers or more and "
-            f"{least} designs or more"
-        )
-        raise ValueError(message)
+    least = fewest_designs(len(names), samples)
     design = study.design
     variables = [
         make_variable(design, n, *sorted(value_of(design, n) * (1.0 + s * share) for s in (-1, 1)))
@@ -245,6 +239,29 @@ def sobol_indices(
     return tuple(
         _indices(f, names, points, np.array([of.figures[f] for of in kept]), seed) for f in figures
     )
+
+
+def fewest_designs(numbers: int, samples: int) -> int:
+    """Return how many designs the indices of some numbers take at least.
+
+    Parameters
+    ----------
+    numbers, samples : int
+        Numbers that are changed, designs to evaluate.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two numbers or too few designs.
+    """
+    least = 2 * (numbers + 1)
+    if numbers < 2 or samples < least:
+        message = (
+            f"{numbers} numbers, {samples} designs: indices take 2 numbers or more and "
+            f"{least} designs or more"
+        )
+        raise ValueError(message)
+    return least
 
 
 def _scaled(design: DoubleStroke, name: str, factor: float) -> float:
