@@ -11,7 +11,7 @@ that is counted as late, and the running cycle is told of it.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -120,7 +120,7 @@ class Aligner:
                 last_ns=t.last_ns,
                 held_value=t.held_value,
                 older_ns=tuple(t.older),
-                counts=astuple(t.counts),
+                counts=(t.counts.received, t.counts.duplicate, t.counts.late, t.counts.bad),
             )
             for t in self._tracks
         )

@@ -5,6 +5,7 @@
 from typing import Any
 from weakref import WeakSet
 
+import numpy as np
 import pytest
 
 from valve_twin.nodes.runtime.second_reader import (
@@ -114,6 +115,39 @@ def test_a_topic_that_speaks_seldom_is_silent_later(bench):
     bench.run(60.0, first=2.0)
     assert len(bench.made) == made
     assert bench.run(10.0, second=2.0) == 1
+
+
+class Spared(SecondReader):
+    """One that is looked after only where a look is due."""
+
+    def look(self, now_s, patience_s=PATIENCE_S):
+        return self.is_due(now_s) and super().look(now_s, patience_s)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_look_that_is_not_due_would_change_nothing(monkeypatch, seed):
+    monkeypatch.setattr(SecondReader, "_doubted", WeakSet())
+    always, spared = Bench(), Bench()
+    spared.reader = Spared(spared.subscribe, spared.gone.append, spared.deliver)
+    random = np.random.default_rng(seed)
+    for _ in range(30):
+        seconds, paces = random.uniform(0.1, 3.0), random.choice([0.0, LOOK_S, 0.5, 1.0], 2)
+        one, other = (b.run(seconds, first=paces[0], second=paces[1]) for b in (always, spared))
+        assert one == other
+        assert len(always.made) == len(spared.made)
+        assert len(always.gone) == len(spared.gone)
+        assert always.taken == spared.taken
+    assert always.made
+
+
+def test_a_silent_topic_whose_second_reader_hears_nothing_needs_no_look(bench):
+    bench.run(1.0, first=LOOK_S)
+    assert not bench.reader.is_due(bench.now_s + 0.5 * QUIET_S)
+    bench.run(QUIET_S + LOOK_S)
+    assert bench.made
+    assert not bench.reader.is_due(bench.now_s + 100.0)
+    bench.made[-1]("a message", {})
+    assert bench.reader.is_due(bench.now_s)
 
 
 def test_what_is_kept_is_bounded(bench):

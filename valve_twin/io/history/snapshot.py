@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from _typeshed import DataclassInstance
+
     from valve_twin.core.state import TwinState
     from valve_twin.core.types import Estimate
 
@@ -205,13 +207,20 @@ def _layout() -> str:
     return hashlib.sha256(json.dumps(names).encode()).hexdigest()
 
 
+@cache
+def _names(record: type[DataclassInstance]) -> tuple[str, ...]:
+    return tuple(f.name for f in fields(record))
+
+
 def _encode(value: Any, arrays: list[np.ndarray[Any, Any]]) -> Any:  # noqa: ANN401
     """Return a state as JSON; its arrays are put behind it in their order."""
+    if type(value) in _PLAIN:
+        return value
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": value.dtype.str, "shape": value.shape}
     if is_dataclass(value):
-        values = [_encode(getattr(value, f.name), arrays) for f in fields(value)]
+        values = [_encode(getattr(value, name), arrays) for name in _names(value.__class__)]
         return {"record": type(value).__name__, "values": values}
     if isinstance(value, tuple):
         return [_encode(v, arrays) for v in value]

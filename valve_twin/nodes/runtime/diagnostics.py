@@ -43,6 +43,8 @@ class Report:
         What is watched, and the valve.
     values : dict
         Figures by name.
+    figures : callable, optional
+        Makes more of them; asked where somebody reads the diagnostics.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Report:
     values: dict[str, object] = field(default_factory=dict)
     level: bytes = OK
     message: str = "ok"
+    figures: Callable[[], dict[str, object]] | None = None
 
     def raise_to(self, level: bytes, message: str) -> None:
         """Report a problem; the gravest gives the level, all stand in the message."""
@@ -127,11 +130,14 @@ class Diagnostics:
         reports, load = self._all_reports(), self._load.look()
         if not self._publisher.get_subscription_count():
             return  # faults are looked for all the same
+        for report in reports:
+            report.add_faults(self._node.faults.faults(report.hardware_id))
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
         own = self._node.get_fully_qualified_name()
         for report in reports:
-            figures = {**report.values, **load}
+            more = report.figures() if report.figures is not None else {}
+            figures = {**more, **report.values, **load}
             message.status.append(
                 DiagnosticStatus(
                     level=report.level,
@@ -144,11 +150,9 @@ class Diagnostics:
         self._publisher.publish(message)
 
     def _all_reports(self) -> Iterable[Report]:
-        """Return a report of every valve, then one of the node, faults included."""
+        """Return a report of every valve, then one of the node; faults are filed."""
         reports = list(self._reports())
         self._node.faults.look("clock.sources", clock_sources(self._node))
         self._node.faults.step()
         own = Report("node", "", {"state": self._node.state})
-        for report in (*reports, own):
-            report.add_faults(self._node.faults.faults(report.hardware_id))
         return (*reports, own)

@@ -202,6 +202,14 @@ class SecondReader:
         if self._expected_s is None:
             self._expected_s = now_s
 
+    def is_due(self, now_s: float) -> bool:
+        """Return whether a look could change something; told of most silent topics at once [s]."""
+        if self.heard:
+            return True
+        if self._reader is not None:
+            return bool(self._kept)
+        return self._last_s is None or self._is_silent(now_s)
+
     @property
     def is_alone(self) -> bool:
         """Whether no other reader of this process hears nothing where its second does."""

@@ -17,7 +17,7 @@ from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.nodes.runtime.safety import PublishedTopic
 from valve_twin.nodes.simulator.joint import JointFace
-from valve_twin.nodes.twin.inputs import InputConfig, TopicInput, by_topic
+from valve_twin.nodes.twin.inputs import InputConfig, TopicInput, by_topic, seconds_now
 
 if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
@@ -138,8 +138,9 @@ class SimulatedTopics:
 
     def look(self) -> None:
         """Listen anew where a subscription is deaf."""
+        now_s = seconds_now()
         for taker in self._takers:
-            taker.look()
+            taker.look(now_s)
 
     def close(self) -> None:
         """Take publishers and subscriptions down."""

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 OVERDUE_CYCLES = 2
 """So many estimations behind, predictions begin to wait for the model they need."""
 
+NONE = (0, 0, 0, 0, 0)
+"""Counters of a topic at which nothing happened."""
+
 
 class TwinFaults:
     """What is wrong with one valve.
@@ -37,6 +40,7 @@ class TwinFaults:
     def __init__(self, reporter: FaultReporter, valve: LiveValve) -> None:
         self._reporter, self._valve = reporter, valve
         self._seen: dict[tuple[str, str], int] = {}
+        self._totals: dict[str, tuple[int, ...]] = {}
         self.offsets: list[ClockOffset] = []
 
     def look(self) -> None:
@@ -51,6 +55,10 @@ class TwinFaults:
         code, text = topic.problem()
         for other in INPUT_CODES:
             self._condition(other, text if other == code else "", topic.topic)
+        totals = (topic.lost, topic.overrun, topic.broken, topic.deaf, topic.deadlines_missed)
+        if totals == self._totals.get(topic.topic, NONE):
+            return
+        self._totals[topic.topic] = totals
         where, unreadable = f"topic '{topic.topic}'", f"are no {topic.type}"
         for code, total, text in (
             ("input.loss", topic.lost - topic.overrun, ": %d messages were lost on the way"),

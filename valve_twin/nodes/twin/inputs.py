@@ -27,13 +27,13 @@ from valve_twin.compat import (
     take_with_info,
     without_place,
 )
-from valve_twin.core.quantity import suggest
 from valve_twin.io.cdr.message_types import RosTypes, message_class
 from valve_twin.io.cdr.signals import Extractor, SignalBlock, SignalSource
 from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.runtime.node import RCLError
 from valve_twin.nodes.runtime.safety import is_replayed, node_name
 from valve_twin.nodes.runtime.second_reader import Pace, SecondReader, refused_policy
+from valve_twin.nodes.twin.topic_graph import TopicGraph
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -53,10 +53,6 @@ MOST_BYTES = 8_000_000
 
 DEAF_BEHIND = "its publisher sent a message of 0 bytes, behind which nothing came"
 DEAF_FROM_START = "from the start on its reliable subscription got nothing, which another one got"
-
-SUGGEST_S = 5.0
-"""How long the name that is suggested for a missing topic stands [s]: a node of 50 valves that is
-started first misses 250 topics."""
 
 MEET_S = 1.0
 """How often a topic that has a publisher, heard or refused, is looked at for more of them [s]."""
@@ -139,9 +135,9 @@ class TopicInput:
         self._matched = self._met = 0
         self._met_s = -math.inf
         self._since = seconds_now()
-        self._suggested_s, self._suggested = -math.inf, ""
         self._heard: float | None = None
-        self._reliable = not self._is_best_effort_offered()
+        self._graph = TopicGraph(node, self.topic, self.type)
+        self._reliable = not self._graph.is_best_effort()
         self.received = self.lost = self.overrun = self.broken = self.deadlines_missed = 0
         self.deaf, self.deaf_why = 0, ""
         self._deaf_s = -math.inf
@@ -156,18 +152,27 @@ class TopicInput:
         self._second.close()
         self._node.destroy_subscription(self._subscription)
 
-    def look(self) -> None:
+    def look(self, now_s: float) -> None:
         """Meet the publishers; listen anew where this subscription is deaf.
+
+        Every `LOOK_S`, so what a topic costs that needs nothing is a few microseconds.
 
         The second time as best effort: such a reader is not made deaf by what makes a reliable one
         deaf. A replay sends no message of 0 bytes, but may pause, and waits for all that it has
         sent.
+
+        Parameters
+        ----------
+        now_s : float
+            The steady clock [s].
         """
-        self._meet()
+        self._meet(now_s)
         if self._lossless:
             return
-        now_s, beside = seconds_now(), self._second
+        beside = self._second
         self._pace.look(now_s)
+        if not beside.is_due(now_s):
+            return
         unheard = beside.never_heard
         expected = unheard and not self.refused_policy
         there = self._matched or (expected and self._node.count_publishers(self.topic))
@@ -176,7 +181,7 @@ class TopicInput:
         beside.expect(now_s)
         if beside.newest:
             self._note_pace(beside.newest, now_s)
-        alone = unheard or beside.is_alone
+        alone = beside.heard or unheard or beside.is_alone
         if not beside.look(now_s, self._pace.patience_s(now_s, alone=alone)):
             return
         self.deaf += 1
@@ -190,14 +195,13 @@ class TopicInput:
         self._matched = self._met = 0
         self._subscription = self._subscribe()
 
-    def _meet(self) -> None:
+    def _meet(self, now_s: float) -> None:
         """Note the publishers; take best effort, or say what is refused, where one offers less.
 
         Events of the reader would tell, too; but one that is queued while its reader is destroyed
         ends the process under the events executor (ros2/rclpy#1644).
         """
         self._note_matched()
-        now_s = seconds_now()
         if (self._matched or self.refused_policy) and now_s < self._met_s + MEET_S:
             return
         self._met_s = now_s
@@ -220,9 +224,12 @@ class TopicInput:
 
     def _note_matched(self) -> None:
         """Begin the numbering anew where a publisher came or went: each counts for itself."""
-        before, self._matched = self._matched, self._subscription.get_publisher_count()
-        self._met += max(self._matched - before, 0)
-        if self._matched != before and self._met > 1:
+        matched = self._count_matched()
+        if matched == self._matched:
+            return
+        self._met += max(matched - self._matched, 0)
+        self._matched = matched
+        if self._met > 1:
             self._last_sequence = self._stood_in = 0
 
     def _note_pace(self, arguments: tuple[Any, ...], now_s: float) -> None:
@@ -238,7 +245,7 @@ class TopicInput:
         """Return fault code and one line why this topic gives nothing, both empty if it does."""
         if self._matched and self._heard is not None and self.age_s <= self._config.silence_s:
             return "", ""  # the graph need not be asked
-        publishers = self._node.get_publishers_info_by_topic(self.topic)
+        publishers = self._graph.publishers(seconds_now())
         names = ", ".join(self.signals)
         key = f"signals.{self.signals[0]}"
         wrong = [p for p in publishers if p.topic_type != self.type]
@@ -252,7 +259,7 @@ class TopicInput:
             self._since = seconds_now()  # one that comes now has not been silent
             return "input.missing", (
                 f"topic '{self.topic}' (signal {names}) has no publisher: start it or correct "
-                f"{key}.topic; {self._suggestion()}"
+                f"{key}.topic; {self._graph.suggestion(seconds_now())}"
             )
         if self.refused_policy and publishers and not self._matched:
             return "input.qos", (
@@ -281,24 +288,6 @@ class TopicInput:
             return "deadline_s here"
         return f"qos_overrides.{self.topic}.subscription.{self.refused_policy.lower()} here"
 
-    def _suggestion(self) -> str:
-        """Return what else the topic could be; the graph is searched now and then."""
-        now_s = seconds_now()
-        if now_s >= self._suggested_s + SUGGEST_S:
-            self._suggested_s = now_s
-            self._suggested = suggest(self.topic, self._candidates())
-        return self._suggested
-
-    def _candidates(self) -> Iterable[str]:
-        """Return topics of the same type that somebody publishes."""
-        known = self._node.get_topic_names_and_types()
-        count = self._node.count_publishers
-        return [name for name, types in known if self.type in types and count(name) > 0]
-
-    def _is_best_effort_offered(self) -> bool:
-        offered = self._node.get_publishers_info_by_topic(self.topic)
-        return any(p.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for p in offered)
-
     def _subscribe(self) -> Any:
         config = self._config
         profile = QoSProfile(
@@ -318,6 +307,7 @@ class TopicInput:
                 f"{self.type}: {without_place(err)}; correct signals.{self.signals[0]}.type"
             )
             raise ConfigError(msg) from err
+        self._count_matched = subscription.handle.get_publisher_count  # a quarter of rclpy's time
         return take_with_info(subscription)
 
     def _create(self, profile: QoSProfile) -> Any:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 import traceback
+from collections import deque
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -129,6 +130,7 @@ class LiveValve:
         self.worst_latency_s = 0.0
         self.stopped = ""
         self._saving, self._saved, self._save_error = False, (0, 0), ""
+        self._outcomes: deque[Outcome] = deque()
 
     def _queue_in(self, budget: MemoryBudget, writer: HistoryWriter) -> CycleSpool:
         """Let cycles wait for their estimation within the budget, else on disk."""
@@ -177,6 +179,8 @@ class LiveValve:
     def save(self) -> None:
         """Save what a restart goes on from, off the data path, where it has changed."""
         now = (self.last_stamp_ns, self.jobs.estimated)
+        while self._outcomes:  # taken here: one that woke the node would cost as much as a save
+            self._on_saved(self._outcomes.popleft())
         if self._saving or self.stopped or self.cycle_queue.waiting or now == self._saved:
             return
         if self._restart.is_resting or self.spool.spooled:
@@ -184,10 +188,7 @@ class LiveValve:
         saving = self._restart.saving()
         if saving is not None:
             self._saving, self._saved = True, now
-            post = self._node.post
-            self.cycle_queue.writer.write_thread.submit(
-                saving, lambda outcome: post(partial(self._on_saved, outcome))
-            )
+            self.cycle_queue.writer.write_thread.submit(saving, self._outcomes.append)
 
     def save_last(self) -> None:
         """Save it for good, when nothing comes any more and all is stored."""

@@ -49,7 +49,10 @@ SAVE_S = 1.0
 """How often the state of a valve is saved for a restart [s]."""
 
 MOST_OFTEN_S = 0.05
-"""Shortest time between two such states in one node [s]."""
+"""Shortest time between two such states in one node, in the mean [s]."""
+
+WAKE_S = 0.1
+"""A node of many valves is woken so often for it: a wake costs as much as a state [s]."""
 
 _BACKWARD_JUMP_S = 0.1
 
@@ -74,7 +77,7 @@ class TwinNode(ValveNode):
         self._faults: dict[str, TwinFaults] = {}
         self._restarts = 0
         self._left_out: dict[str, str] = {}
-        self._turn = 0
+        self._turn, self._at_once = 0, 1
         self._save_timer: Any = None
         self._memory_trimmer = MemoryTrimmer(0)
 
@@ -127,7 +130,8 @@ class TwinNode(ValveNode):
         self._memory_trimmer = MemoryTrimmer(len(self._valves))
         self._diagnostics = Diagnostics(self, self._reports)
         each_s = max(SAVE_S / max(len(self._valves), 1), MOST_OFTEN_S)
-        self._save_timer = self.create_timer(each_s, self._save_next, clock=STEADY)
+        self._at_once = max(round(WAKE_S / each_s), 1)
+        self._save_timer = self.create_timer(each_s * self._at_once, self._save_next, clock=STEADY)
 
     def _tell_made(self, config: ValveConfig) -> None:
         """Say that channels made from others are made by the import only."""
@@ -214,15 +218,16 @@ class TwinNode(ValveNode):
         self._faults = {}
 
     def _save_next(self) -> None:
-        """Save the state of one valve, each in its turn."""
-        if self._valves:
+        """Save the state of a few valves, each in its turn."""
+        for _ in range(min(self._at_once, len(self._valves))):
             self._turn = (self._turn + 1) % len(self._valves)
             self._valves[self._turn].save()
 
     def _look_at_inputs(self) -> None:
+        now_s = seconds_now()
         for valve in self._valves:
             for topic in valve.inputs.topics:
-                topic.look()
+                topic.look(now_s)
 
     def work(self) -> None:
         """Work on what the inputs gathered."""
@@ -266,15 +271,16 @@ class TwinNode(ValveNode):
 
     def _report(self, valve: LiveValve) -> Report:
         self._faults[valve.name].look()
-        report = Report(f"valve {valve.name}", valve.name, self._figures(valve))
+        worst_s, valve.worst_latency_s = valve.worst_latency_s, 0.0
+        report = Report(f"valve {valve.name}", valve.name)
+        report.figures = partial(self._figures, valve, worst_s)
         if valve.stopped:
             report.raise_to(ERROR, valve.stopped)
         if self.state != "active":
             report.raise_to(STALE, f"the node is {self.state}")
         return report
 
-    def _figures(self, valve: LiveValve) -> dict[str, object]:
-        worst, valve.worst_latency_s = valve.worst_latency_s, 0.0
+    def _figures(self, valve: LiveValve, worst_s: float) -> dict[str, object]:
         figures: dict[str, object] = {
             "model": valve.config.model,
             "cycle": valve.twin.cycle or valve.last_cycle,
@@ -290,7 +296,7 @@ class TwinNode(ValveNode):
             "cycles dropped before estimation": valve.spool.dropped,
             "waits cut off": valve.jobs.wait.cut,
             "last estimation [s]": f"{valve.jobs.wall_s:.3f}",
-            "worst latency [ms]": f"{1e3 * worst:.2f}",
+            "worst latency [ms]": f"{1e3 * worst_s:.2f}",
             "worker restarts": max(self._worker.restarts, 0) if self._worker is not None else 0,
         }
         counts = valve.twin.counts()
