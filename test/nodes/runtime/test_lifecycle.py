@@ -2,16 +2,22 @@
 # Copyright 2026 valve_twin maintainers
 """Nodes come up, change their state and go down in good order."""
 
+import inspect
 import signal
 import statistics
 import time
+from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Log
+from rclpy.impl import rcutils_logger
 
 from test.bag_samples import write_sample
 from test.nodes.conftest import NS, NodeProcess
+from valve_twin import compat
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.nodes.aging.node import AgingMonitorNode
 from valve_twin.nodes.gateway.node import GatewayNode
@@ -119,3 +125,19 @@ def test_a_signal_after_the_shutdown_by_service_ends_the_process(graph, paramete
     assert process.end(number) == 0
     assert "Traceback" not in process.log
     assert "ERROR" not in process.log
+
+
+def test_a_line_of_log_tells_its_place_and_reads_no_source(graph, monkeypatch):
+    """It read each file on the way: 40 ms of CPU of a start, for lines that nobody uses."""
+    monkeypatch.setattr(rcutils_logger, "inspect", inspect)  # as it was, also at the end
+    compat.log_without_sources()
+    read = Mock(return_value=([""], 0))
+    monkeypatch.setattr(inspect, "findsource", read)
+    lines = graph.record("/rosout", Log)
+    graph.spin_until(lambda: graph.connected("/rosout"))
+    graph.node.get_logger().info("here")
+    (told,) = graph.spin_until(lambda: [m for m in lines if m.msg == "here"])
+    written = Path(__file__).read_text().splitlines()[told.line - 1]
+    assert (told.file, written.strip()) == (__file__, 'graph.node.get_logger().info("here")')
+    assert told.function == test_a_line_of_log_tells_its_place_and_reads_no_source.__name__
+    read.assert_not_called()

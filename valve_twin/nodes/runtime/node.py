@@ -324,6 +324,7 @@ def run(make: Callable[[], ValveNode], args: list[str] | None = None) -> int:
         Exit code: 0, or 1 where the node could not be made.
     """
     termination.install()
+    compat.log_without_sources()
     with termination.put_off():
         try:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
