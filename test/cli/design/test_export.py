@@ -28,6 +28,17 @@ def coarse(tmp_path_factory):
     return str(path)
 
 
+def test_a_file_of_another_valve_is_refused_before_fields_are_computed(
+    root, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(chain, "compute_design", pytest.fail)
+    like = str(root / "config" / "servo_system.yaml")
+    out = tmp_path / "designed.yaml"
+    assert main(["design", "export", "--like", like, "--out", str(out)]) == 2
+    assert "servo_system.yaml: is of model 'servo_system'; give one of" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_valve_and_twin_run_on_the_map(coarse, tmp_path, capsys, monkeypatch):
     quick = chain.Fidelity(MapGrid(currents=4, positions=4, fine=0.3), fine=0.3, step=4e-4)
     monkeypatch.setitem(chain.FIDELITIES, "export", quick)

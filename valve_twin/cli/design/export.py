@@ -63,6 +63,8 @@ def _export(arguments: argparse.Namespace) -> int:
 
     with refusals():
         valve = find_designable(arguments.valve)
+        like = Path(arguments.like) if arguments.like else _CONFIG / f"{valve.name}.yaml"
+        exported_yaml(like, valve.name, {}, {}, "")  # refused before fields are computed
         curves = read_map_of(arguments.map, design) if arguments.map else None
         with progress_of("computing fields", None) as advance:
             designed, dynamics = compute_design(
@@ -72,7 +74,6 @@ def _export(arguments: argparse.Namespace) -> int:
         twin, apart = _faults(design, valve, numbers) if arguments.faults else ({}, {})
         if arguments.doubts:
             twin = {**twin, **_doubts(design, valve, designed.curves)}
-    like = Path(arguments.like) if arguments.like else _CONFIG / f"{valve.name}.yaml"
     source = designed.curves.provenance
     title = f"{source['name']}, map {source['sha256']}: written by valve-twin design export"
     text = exported_yaml(like, valve.name, numbers.shared, numbers.own, title, twin)
