@@ -9,26 +9,25 @@ cycle on. Where cycles came before it, they tell most of B: what is left of the 
     y2 - G y1,  G = B (B + W / k)^-1,  covariance  C = B + W / m - G B
 
 of k cycles before and m since; with none before G is 0. So a fault from the first cycle on is
-judged by how valves differ, one that begins later nearly by the scatter of a cycle alone.
+judged by how valves differ, one that begins later nearly by the scatter of a cycle alone: there B
+counts wide, since it may be no more than a guess and the cycles before tell more.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Finding
-from valve_twin.core.diagnosis.given.reference import PREFIX
+from valve_twin.core.diagnosis.given.scatter import BESIDE, MOST, SHOWN, scatter_of, widened
 from valve_twin.core.diagnosis.table import BY_NAME, FACTORS, partner, whitener
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from valve_twin.core.diagnosis.given.reference import FeatureReference
+    from valve_twin.core.diagnosis.given.scatter import Scatter
     from valve_twin.core.diagnosis.table import SignatureTable
-    from valve_twin.core.types import BoolArray, FloatArray, IntArray
+    from valve_twin.core.types import FloatArray, IntArray
 
 LEAST = 5
 """Fewest cycles from which on nothing found means that the valve is like the reference."""
@@ -39,24 +38,18 @@ JUDGED = 16
 _BEGINS = 8
 """Cycles before a fault at most; one that begins later is for the own past."""
 
-_SHOWN = 6.5
-"""Standard deviations that are a fault; set on sisters of strangers, seeds 73000-73039 [1]."""
-
 _WITHHELD = 3.5
-"""Standard deviations that withhold the "ok"; set on the same [1]."""
+"""Standard deviations that withhold the "ok"; set on the same as `SHOWN` [1]."""
 
 _CONFIRM = 3
 """Fewest cycles that must show a change."""
 
+_FIRST = 5
+"""The same of one that was there from the first cycle on: so few tell little of a level."""
+
 _EACH, _SUDDEN = 0.4, 0.5
 """Share of the mean change that a cycle must show, and that the cycles beside its onset must
 differ by: what wanders is no sudden change [1]."""
-
-_BESIDE = 3
-"""Cycles on either side of an onset that tell this."""
-
-_MOST = (8, 4)
-"""Cycles before and since beyond which a mean gets no surer: features wander."""
 
 _HEAL, _BACK = 5, 0.4
 """Cycles in a row that show less than this share of a change where it is over [1]."""
@@ -67,21 +60,6 @@ explain, as against the own past [1]."""
 
 _RIVAL, _PAIR_RIVAL = 6.0, 2.0
 """Difference of twice the log likelihood below which faults are not told apart, as there [1]."""
-
-_CHANCE = 1e-6
-"""Chance at which the quantiles of few and of many valves are compared [1]."""
-
-_ASSUMED, _MODEL = 0.02, 0.02
-"""Least standard deviation between valves, assumed: of a gain, of a parameter of the model [1]."""
-
-_PRIOR = 3.0
-"""Valves that this assumption counts as [1]."""
-
-_BLOCK = 8
-"""Cycles of a reference of the valve itself that count as one look at its level."""
-
-_ROUNDING = 1e-6
-_MAD = 1.4826
 
 _WIDE = (
     "unchanged by the scatter of a cycle; its valves differ too much to tell a large fault that "
@@ -108,59 +86,6 @@ class Held(NamedTuple):
 
 
 NOT_HELD = Held()
-
-
-@dataclass(frozen=True, slots=True)
-class Scatter:
-    """Covariances as features are followed: of a cycle, and of a valve's level, both (F, F)."""
-
-    within: FloatArray
-    between: FloatArray
-    strays: FloatArray
-    shown: BoolArray
-
-
-def scatter_of(reference: FeatureReference, table: SignatureTable, valve: str = "") -> Scatter:
-    """Return how a sound valve may scatter about a reference.
-
-    Few valves tell little of how valves differ: that counts wider, by Student's t, and never for
-    less than they scatter from cycle to cycle, or an assumed share. Of a reference of the valve's
-    own only what it moved by counts.
-
-    Parameters
-    ----------
-    reference : FeatureReference
-        The reference.
-    table : SignatureTable
-        Least deviations of its features.
-    valve : str
-        Name of the valve that is held against it.
-    """
-    from scipy.special import stdtrit  # slow to import
-
-    off = reference.offsets()
-    shown = np.isfinite(off).any(axis=0)
-    floor, quiet = np.array(table.floor), np.sqrt(np.diag(table.covariance))
-    within = np.array(reference.within)
-    own = np.sqrt(np.diag(within))
-    never = ~shown | ((own == 0.0) & (floor < _ROUNDING))
-    least = np.maximum(floor, quiet)
-    within = within + np.diag(np.maximum(least**2 - own**2, 0.0) + 1e-4 * own**2 + 1e-24)
-    off, valves = np.nan_to_num(off), len(off)
-    prior = np.diag(within) + _assumed(table) ** 2 + reference.moved() ** 2 / 3.0
-    freedom = valves - 1 + _PRIOR
-    between = off.T @ off + _PRIOR * np.diag(prior)
-    if reference.valves == (valve,):
-        freedom = max(reference.cycles / _BLOCK, _PRIOR)
-        between = freedom * np.diag(np.diag(within) / _MOST[1] + reference.moved() ** 2 / 3.0)
-    wider = float(stdtrit(freedom, 1.0 - _CHANCE) / stdtrit(1e6, 1.0 - _CHANCE))
-    between = wider**2 * (1.0 + 1.0 / valves) * between / freedom
-    return Scatter(within, between, np.diag(np.square(reference.strays)), ~never)
-
-
-def _assumed(table: SignatureTable) -> FloatArray:
-    """Return what valves are assumed to differ by at least, (F,)."""
-    return np.array([_ASSUMED if n.startswith("gain_") else 0.0 for n in table.features])
 
 
 def hold(
@@ -197,7 +122,7 @@ def hold(
     y = _filled(rows[:, keep])
     shown, first = 0.0, None
     for count in range(_CONFIRM, min(len(y), JUDGED) + 1):
-        look = _Look(y[:count], _widened(scatter, keep, y[:count]), part)
+        look = _Look(y[:count], widened(scatter, keep, y[:count]), part)
         first, shown = look.departs()
         if first is not None:
             break
@@ -208,9 +133,9 @@ def hold(
         return Held(None, False, f"{begun}: {len(y)} of {least} cycles that it takes")
     if shown > _WITHHELD:
         return Held(None, False, f"{begun}: not clearly within it ({shown:.1f} deviations)")
-    if not look.would_show(_BESIDE, FACTORS[1]):
+    if not look.would_show(FACTORS[1]):
         return Held(None, False, f"{begun}: its cycles scatter too much to tell a medium fault")
-    if not look.would_show(0, FACTORS[2]):
+    if not look.would_show(FACTORS[2], first=True):
         return Held(None, True, f"{begun}: {_WIDE}")
     return Held(None, True, f"{begun}: within it")
 
@@ -242,17 +167,6 @@ def _filled(rows: FloatArray) -> FloatArray:
     return np.where(index >= 0, found, 0.0)
 
 
-def _widened(scatter: Scatter, keep: IntArray, y: FloatArray) -> Scatter:
-    """Return the scatter, that of a cycle not less than this valve's own from step to step."""
-    within = scatter.within[np.ix_(keep, keep)]
-    between = scatter.between[np.ix_(keep, keep)]
-    if len(y) > _BESIDE:
-        own = _MAD * np.median(np.abs(np.diff(y, axis=0)), axis=0) / np.sqrt(2.0)
-        more = np.maximum(own / np.sqrt(np.diag(within)), 1.0)
-        within = within * np.outer(more, more)
-    return Scatter(within, between, scatter.strays[np.ix_(keep, keep)], scatter.shown[keep])
-
-
 class _Look:
     """The first cycles of a valve against a reference."""
 
@@ -262,17 +176,17 @@ class _Look:
     def compared(self, before: int, since: int) -> tuple[FloatArray, FloatArray]:
         """Return G (F, F) and the whitener of y2 - G y1, (F, F)."""
         w, b, s = self.scatter.within, self.scatter.between, self.scatter.strays
-        covariance = b + s + w / min(since, _MOST[1])
         if not before:
-            return np.zeros_like(b), whitener(covariance)
-        own = b + s + w / min(before, _MOST[0])
+            return np.zeros_like(b), whitener(self.scatter.first + s + w / min(since, MOST[1]))
+        covariance = b + s + w / min(since, MOST[1])
+        own = b + s + w / min(before, MOST[0])
         share: FloatArray = np.asarray(np.linalg.solve(own, b).T, dtype=np.float64)
         return share, whitener(covariance - share @ b)
 
     def departs(self) -> tuple[_Change | None, float]:
         """Return the change that is a fault, None = none, and how far the largest one goes."""
         count, best, largest = len(self.y), None, 0.0
-        for row in range(min(count - _CONFIRM, _BEGINS) + 1):
+        for row in range(0 if count >= _FIRST else 1, min(count - _CONFIRM, _BEGINS) + 1):
             off, white = self.off(row, count)
             z = white @ off
             changes = self.part.changes @ white.T
@@ -282,12 +196,12 @@ class _Look:
             far = float(along[k])
             if row and not self._sudden(row, white, changes[k] / length[k]):
                 continue
-            if 0 < row < _BESIDE and not self._leaves(row):
+            if 0 < row < BESIDE and not self._leaves(row):
                 continue  # single first cycles may be odd
             if not self._confirmed(row, white, changes[k] / length[k]):
                 continue
             largest = max(largest, far)
-            if far > _SHOWN and (best is None or far > best.far):
+            if far > SHOWN and (best is None or far > best.far):
                 best = _Change(row, k, far)
         return best, largest
 
@@ -312,7 +226,7 @@ class _Look:
         """Return whether the cycles beside a row differ by most of what those further off do."""
         y = self.y @ white.T @ ray
         whole = float(y[row:].mean() - y[:row].mean())
-        beside = float(y[row : row + _BESIDE].mean() - y[max(row - _BESIDE, 0) : row].mean())
+        beside = float(y[row : row + BESIDE].mean() - y[max(row - BESIDE, 0) : row].mean())
         return beside > _SUDDEN * whole > 0.0
 
     def _confirmed(self, row: int, white: FloatArray, ray: FloatArray) -> bool:
@@ -323,17 +237,18 @@ class _Look:
         shown = np.count_nonzero(each > _EACH * each.mean())
         return bool(each.mean() > 0.0 and shown >= max(_CONFIRM, 0.6 * len(each)))
 
-    def would_show(self, before: int, factor: float) -> bool:
-        """Return whether faults of at least half of the kinds would show in a few cycles.
+    def would_show(self, factor: float, *, first: bool = False) -> bool:
+        """Return whether faults of at least half of the kinds would show in these cycles.
 
         Parameters
         ----------
-        before : int
-            Cycles before them [1].
         factor : float
             Their size, in the small one [1].
+        first : bool
+            Whether they were there from the first cycle on, or came amid the cycles.
         """
-        _, white = self.compared(before, _BESIDE)
+        half = max(BESIDE, len(self.y) // 2)
+        _, white = self.compared(0 if first else half, half)
         length = np.linalg.norm(self.part.changes @ white.T, axis=1)
         table = self.part.table
         each = []
@@ -343,38 +258,6 @@ class _Look:
             off = [abs(abs(table.signatures[k].severity) / least - factor) for k in own]
             each.append(length[own[int(np.argmin(off))]])
         return float(np.median(each)) > _WITHHELD
-
-
-def departs_by(
-    reference: FeatureReference, own: Mapping[str, float], valve: str
-) -> tuple[float, str]:
-    """Return how far a valve's own first model lies off others', and in what; "" = in nothing.
-
-    Parameters
-    ----------
-    reference : FeatureReference
-        The reference.
-    own : mapping
-        Parameters of its own first model, by name.
-    valve : str
-        Its name.
-    """
-    from scipy.special import stdtrit  # slow to import
-
-    largest, where = 0.0, ""
-    for name, values in reference.models:
-        known = np.array([v for v in values if np.isfinite(v)])
-        if not len(known) or name not in own or reference.valves == (valve,):
-            continue
-        freedom = len(known) - 1 + _PRIOR
-        least = _MODEL * abs(float(known.mean()))
-        square = float(np.sum((known - known.mean()) ** 2)) + _PRIOR * least**2
-        deviation = np.sqrt(square / freedom * (1.0 + 1.0 / len(known)))
-        wider = stdtrit(freedom, 1.0 - _CHANCE) / stdtrit(1e6, 1.0 - _CHANCE)
-        far = abs(own[name] - float(known.mean())) / max(float(deviation * wider), 1e-300)
-        if far > max(_SHOWN, largest):
-            largest, where = float(far), name.removeprefix(PREFIX)
-    return largest, where
 
 
 def _departed(

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Diagnosis, Finding
-from valve_twin.core.diagnosis.given.against import JUDGED, LEAST, Held, departs_by, hold
+from valve_twin.core.diagnosis.given.against import JUDGED, LEAST, Held, hold
 from valve_twin.core.diagnosis.given.reference import FEATURE_VERSION, PREFIX, Seen
+from valve_twin.core.diagnosis.given.scatter import departs_by
 from valve_twin.core.diagnosis.reference import YET
 
 if TYPE_CHECKING:
