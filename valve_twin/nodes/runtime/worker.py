@@ -33,6 +33,9 @@ ATTEMPTS = 3
 START_S = 1.0
 """How long the end of a node waits for a process that is just being started [s]."""
 
+START_METHOD = "spawn"
+"""How `multiprocessing` makes the process: forking one that holds DDS threads is not safe."""
+
 NICENESS = 5
 """Priority below the data path's, so that an estimation does not delay a prediction."""
 
@@ -133,8 +136,7 @@ class WorkerProcess:
         return Outcome(None, f"the worker process died {ATTEMPTS} times on this job", 0.0)
 
     def _start(self) -> None:
-        """Start a fresh interpreter: forking a process that holds DDS threads is not safe."""
-        context = multiprocessing.get_context("spawn")
+        context: Any = multiprocessing.get_context(START_METHOD)
         self._pipe, theirs = context.Pipe()
         process = context.Process(target=_child, args=(theirs, self._warm_up), daemon=True)
         process.start()
