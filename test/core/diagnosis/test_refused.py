@@ -7,7 +7,14 @@ from dataclasses import replace
 import pytest
 
 from valve_twin.core.aging import AgingConfig, VerdictKind, assess
-from valve_twin.core.diagnosis.refused import FRESH, LEAST_REFUSED, refused_lately, still
+from valve_twin.core.diagnosis.changes.finding import Finding
+from valve_twin.core.diagnosis.refused import (
+    FRESH,
+    LEAST_REFUSED,
+    refused_lately,
+    still,
+    with_still,
+)
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import Condition, Estimate, EstimateStatus, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
@@ -142,3 +149,27 @@ def test_first_cycles_that_do_not_move_have_no_usual_stroke():
         refused(c, RefusalCode.NO_MOTION.value, length=9.0, stroke=0.0) for c in (5, 6, 7)
     ]
     assert still([*USUAL[:4], *still_ones]) is None
+
+
+def fault(name, onset, *, end=-1):
+    return Finding(name, (), "valve", 1.0, 9.0, onset, onset + 1, end)
+
+
+STUCK = fault("no_motion", 23)
+
+
+@pytest.mark.parametrize("name", ["command_loss", "sensor_freeze"])
+def test_what_says_why_nothing_moves_is_told_alone(name):
+    known = fault(name, 21)
+    assert with_still([known], STUCK) == (known,)
+
+
+def test_a_fault_that_few_cycles_named_before_nothing_moved_is_that_nothing_moves():
+    told = with_still([fault("sensor_gain", 21)], STUCK)
+    assert told == (replace(STUCK, onset=21, alarm=22),)
+
+
+def test_a_fault_of_long_ago_is_told_beside_it():
+    old = [fault("sensor_gain", 3), fault("command_loss", 5), fault("delay", 21, end=22)]
+    assert with_still(old, STUCK) == (*old, STUCK)
+    assert with_still(old, None) == tuple(old)

@@ -53,6 +53,13 @@ def test_what_is_told_before_the_trouble_does_not_find_it():
     assert found.delays == [0]
 
 
+def test_what_the_cycle_shows_in_which_the_trouble_begins_finds_it():
+    found = score(STRANGER, [told(slow(), [finding("slow", ONSET)], shift_ns=-6)])
+    assert found.delays == [1]  # most of the cycle before has it not
+    earlier = score(STRANGER, [told(slow(), [finding("slow", ONSET - 1)], shift_ns=-6)])
+    assert earlier.delays == [0]
+
+
 def test_a_trouble_before_anything_can_be_told_is_counted_apart():
     found = score(STRANGER, [told(slow(JUDGED_FROM - 1), ())])
     assert found.shares == {"early: found": [0, 1]}

@@ -42,6 +42,20 @@ class DetectionConfig:
         lower=0.0,
         upper=0.01,
     )
+    beyond: float = quantity(
+        0.0,
+        "1",
+        "Factor on how far off some cycles must each lie that are all beyond any before; 0: this "
+        "raises no alarm.",
+        lower=0.0,
+    )
+    young: int = quantity(
+        0,
+        "1",
+        "Cycles before which a likelihood ratio raises no alarm: how the valve scatters is not "
+        "known.",
+        lower=0,
+    )
     departs: float = quantity(
         4.0,
         "1",
@@ -123,10 +137,10 @@ class DetectionConfig:
 OF_A_MODEL = DetectionConfig()
 """For features that a model has of its own."""
 
-OF_ANY_VALVE = DetectionConfig(alone=1e-4, departs=0.0, varies=0.25)
+OF_ANY_VALVE = DetectionConfig(alone=1e-4, beyond=1.0, young=20, departs=0.0, varies=0.25)
 """For features of any valve."""
 
-BY_A_MODEL = replace(OF_ANY_VALVE, apart=1.0)
+BY_A_MODEL = replace(OF_ANY_VALVE, apart=1.0, beyond=0.0, young=0)
 """For those whose signatures are what the model sees: cycles scatter by what it does not know."""
 
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.changes.alone import passed
+from valve_twin.core.diagnosis.changes.beyond import nearer_before
 from valve_twin.core.diagnosis.changes.ends import (
     first_alike,
     first_unlike,
@@ -167,7 +168,8 @@ def _step(
         found = _finding(fit, int(cycles[part.start]), seen_at, seen_at)
         step = Step(found, part.start, part.stop, min(seen.start, part.start))
     else:
-        end = -1 if seen.lasts else _over(view, config, named, at)
+        near = nearer_before(vectors, table, config, seen.alarm)
+        end = -1 if seen.lasts else _over(view, config, named, at, near)
         seen.lasts = every and end < 0
         repeats = more_repeats(vectors, onset, table)
         if (repeats[onset : at + 1] > 0.5).any():
@@ -216,12 +218,14 @@ def _named(view: View, table: SignatureTable, config: DetectionConfig, raised: A
     return Named(onset, found, match(-off, rays, table, config, line=line))
 
 
-def _over(view: View, config: DetectionConfig, named: Named, alarm: int) -> int:
-    """Return the row where a change is over, -1 = it lasts."""
+def _over(
+    view: View, config: DetectionConfig, named: Named, alarm: int, near: BoolArray | None
+) -> int:
+    """Return the row where a change is over, -1 = it lasts; `near` are rows that may be back."""
     w, base, rays = view
     before = lines_through(base, np.array([named.onset - 1]), config.window)
     ends = (
-        healed(w, rays.rays[named.found.ray], before, config, alarm),
+        healed(w, rays.rays[named.found.ray], before, config, alarm, near),
         jumped_back(w, named.onset, alarm, config),
     )
     return min((end for end in ends if end >= 0), default=-1)

@@ -23,7 +23,7 @@ from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_o
 from valve_twin.core.diagnosis.given.judged import judged, without_first
 from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products
 from valve_twin.core.diagnosis.reference import doubt_of
-from valve_twin.core.diagnosis.refused import still
+from valve_twin.core.diagnosis.refused import still, with_still
 from valve_twin.core.diagnosis.table import BY_NAME, PAIRS, partner
 from valve_twin.core.diagnosis.watch.growing import present
 from valve_twin.core.diagnosis.watch.memory import Known
@@ -85,8 +85,7 @@ def diagnose(
     if found is NOTHING:
         return NOTHING
     doubt = found.doubt or _doubt_of_product(_products_of(_once_a_cycle(past.features)))
-    stuck = still(past)
-    found = replace(found, findings=(*found.findings, *([stuck] if stuck else [])), doubt=doubt)
+    found = replace(found, findings=with_still(found.findings, still(past)), doubt=doubt)
     since = max((m.cycle for m in maintenance), default=0)
     return _given(found, past, since, reference, valve) if reference else found
 

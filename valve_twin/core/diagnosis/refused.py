@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,7 @@ from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.past.columns import past_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from valve_twin.core.past.columns import Past, Rows
     from valve_twin.core.types import Estimate, IntArray
@@ -27,6 +27,13 @@ _OVERDUE = 2.5  # usual lengths of a cycle in which nothing answered the command
 _STILL = 0.1  # share of the usual stroke below which a cycle did not move, assumed
 _LEAST_STILL = 2  # still cycles in a row that are no accident, assumed
 _FROZEN = 0.999  # share of samples that repeat the one before: not even noise is left, assumed
+
+
+_ONE_CAUSE = 5
+"""Cycles within which a fault and that nothing moves any more have one cause, assumed."""
+
+_SAYS_IT = ("command_loss", "sensor_freeze", "no_motion")
+"""Faults that say why nothing moves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +109,32 @@ def still(history: Iterable[Estimate] | Past) -> Finding | None:
     name, part = ("sensor_freeze", "sensor") if frozen else ("no_motion", "valve")
     size = 1.0 if frozen else float("nan")
     return Finding(name, (), part, size, float("nan"), int(cycle[-1]), int(cycle[0]))
+
+
+def with_still(findings: Sequence[Finding], stuck: Finding | None) -> tuple[Finding, ...]:
+    """Return faults and that nothing moves, one for one cause.
+
+    A fault that lasts and says it is enough. One that was seen just before, of which few cycles
+    were left to name it, is that nothing moves.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        Faults that features show.
+    stuck : Finding or None
+        What the newest cycles show that were refused, see `still`.
+    """
+    if stuck is None:
+        return tuple(findings)
+    near = [f for f in findings if f.end < 0 and abs(stuck.onset - f.onset) <= _ONE_CAUSE]
+    if any(f.fault in _SAYS_IT for f in near) or any(
+        f.fault == stuck.fault and f.end < 0 for f in findings
+    ):
+        return tuple(findings)
+    first = min((f.onset for f in near), default=stuck.onset)
+    alarm = min((f.alarm for f in near), default=stuck.alarm)
+    others = (f for f in findings if f not in near)
+    return (*others, replace(stuck, onset=min(first, stuck.onset), alarm=alarm))
 
 
 def _is_noiseless(features: Rows, cycle: int) -> bool:

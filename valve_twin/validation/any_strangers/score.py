@@ -4,7 +4,8 @@
 
 Every figure is a share, hits of cases. A trouble counts where it begins when a fault can be told:
 behind the cycles of the reference model and those of the first line; one that begins earlier is
-counted apart. Whatever is told of cycles without a trouble is a false alarm.
+counted apart. What is told of the cycle in which it begins finds it, even where less than half of
+that cycle has it. Whatever is told of cycles without a trouble is a false alarm.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.generic.reference import REFERENCE_CYCLES
-from valve_twin.validation.any_strangers.watch import first_with
+from valve_twin.validation.any_strangers.watch import first_with, touched_by
 from valve_twin.validation.strangers.score import Score
 
 if TYPE_CHECKING:
@@ -66,11 +67,14 @@ def _score_trouble(found: Score, stranger: Stranger, told: Told) -> None:
     if not first or before + 1 < JUDGED_FROM:
         found.count("early: found", any(f.alarm >= first for f in told.findings))
         return
-    rows = [number for number, _, _ in told.cycles]
+    rows, touched = [number for number, _, _ in told.cycles], touched_by(told)
     later = [
-        (f, once) for f, once in zip(told.findings, told.at_once, strict=True) if f.alarm >= first
+        (f, once)
+        for f, once in zip(told.findings, told.at_once, strict=True)
+        if f.alarm >= touched
     ]
-    delay = rows.index(later[0][0].alarm) - rows.index(first) + 1 if later else 0
+    told_in = max(later[0][0].alarm, first) if later else 0
+    delay = rows.index(told_in) - rows.index(first) + 1 if later else 0
     size, right = trouble.size, trouble.right(stranger.valve.kind)
     groups = (size, f"{size}: {stranger.kind}", f"{size}: {trouble.name}")
     for group in groups:

@@ -176,3 +176,15 @@ def first_with(told: Told) -> int:
     middles = np.array([0.5 * (a + b) for _, a, b in told.cycles])
     rows = np.flatnonzero(middles > onset_ns)
     return told.cycles[rows[0]][0] if len(rows) else 0
+
+
+def touched_by(told: Told) -> int:
+    """Return the number of the first of the twin's cycles that has any of the trouble, 0 = none.
+
+    It may end behind the onset though most of it is without the trouble, which it shows all the
+    same.
+    """
+    if told.trouble is None:
+        return 0
+    onset_ns = told.starts_ns[told.trouble.onset - 1]
+    return next((number for number, _, end in told.cycles if end > onset_ns), 0)

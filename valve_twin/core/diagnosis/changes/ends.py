@@ -40,7 +40,12 @@ _BESIDE = 0.5
 
 
 def healed(
-    w: FloatArray, ray: FloatArray, before: Lines, config: DetectionConfig, alarm: int
+    w: FloatArray,
+    ray: FloatArray,
+    before: Lines,
+    config: DetectionConfig,
+    alarm: int,
+    near: BoolArray | None = None,
 ) -> int:
     """Return the first row at which `heal` cycles since the alarm are back on the line, or -1.
 
@@ -56,6 +61,9 @@ def healed(
         How many cycles, and for how long the line is a measure.
     alarm : int
         Row of the alarm.
+    near : (N,) bool array, optional
+        Which rows may be back: few cycles before let a valve seem to scatter as much as the fault
+        shows, see `changes.beyond.nearer_before`.
     """
     rows = np.arange(alarm + 1, min(alarm + 1 + config.extrapolate, len(w)))
     if len(rows) < config.heal:
@@ -64,7 +72,7 @@ def healed(
     if before.count[0] < config.settled:  # the slope of few cycles leads anywhere
         line, variance = before.level, 1.0 / before.count
     each = np.abs((w[rows] - line) @ ray) / np.sqrt(1.0 + variance)
-    back = (each < config.each).astype(np.int64)
+    back = ((each < config.each) & (near is None or near[rows])).astype(np.int64)
     run = np.convolve(back, np.ones(config.heal, dtype=np.int64), mode="valid")
     hits = np.flatnonzero(run == config.heal)
     return int(rows[hits[0] + config.heal - 1]) if len(hits) else -1

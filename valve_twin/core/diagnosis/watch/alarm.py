@@ -9,11 +9,13 @@ a record says does not depend on how many of its rows came at a time, to the las
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
 from valve_twin.core.diagnosis.changes.alone import Alone, departs
+from valve_twin.core.diagnosis.changes.beyond import first_beyond
 from valve_twin.core.diagnosis.changes.jumps import BESIDE, BEYOND, jumps_made
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.lines import (
@@ -392,17 +394,30 @@ class Seen:
             self._young = Whitened(vectors, known_by(count, config), self._table, config)
         if self._watch is not None and self._whole is not None and self.alarm is None:
             self.alarm = self._watch.alarm(self._whole, max(settled - 1, self.start))
+            end = count if self.alarm is None else self.alarm[0]
+            begin = max(settled - 1, self.start, before)
+            self.alarm = self._beyond(begin, end) or self.alarm
 
     def _look_early(self, before: int) -> None:
         """Look whether one of the first rows raises an alarm, by the few that came before it."""
         config, vectors = self._config, self._vectors
         least = max(config.least + config.confirm, self.start + 1, before + 1)
         for end in range(least, min(len(vectors), config.learn + config.recent - 1) + 1):
-            self.alarm = _early_alarm(vectors[:end], self._table, config)
+            if end > config.young:
+                self.alarm = _early_alarm(vectors[:end], self._table, config)
+            known, scale = known_by(end, config), config
+            if self.alarm is None:
+                self.alarm = self._beyond(end - 1, end)
+                known = self.alarm[1] if self.alarm else known
+                scale = replace(config, learn=known)  # what is named needs no doubt of few cycles
             if self.alarm is not None:
-                self._whole = Whitened(vectors, known_by(end, config), self._table, config)
+                self._whole = Whitened(vectors, known, self._table, scale)
                 self._young = None
                 return
+
+    def _beyond(self, begin: int, end: int) -> Alarm | None:
+        """Return the first of some rows that raises an alarm by itself and those before it."""
+        return first_beyond(self._vectors[:end], self._table, self._config, begin)
 
     @property
     def whitened(self) -> Whitened:

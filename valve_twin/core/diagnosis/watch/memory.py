@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
+from valve_twin.core.diagnosis.changes import beyond
 from valve_twin.core.diagnosis.direct.noise import Noise
 from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.generic.features import MOVE_NOISE
@@ -180,4 +181,5 @@ def warm_up() -> None:
     one, sums = np.zeros((1, 1)), np.zeros((4, 1))  # a line takes two rows before the newest
     rows_times(one, one)
     follow(sums, sums, sums, one, 2, 0, (1, 2, 1.0), one.copy(), one.copy(), one.copy())
+    beyond.warm_up()
     take_out_slips(np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2), dtype=np.int64), 0)

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Cycles that each lie beyond all before are a fault without a variance of few cycles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from valve_twin.core.diagnosis.changes.beyond import first_beyond, nearer_before
+from valve_twin.core.diagnosis.config import OF_A_MODEL, OF_ANY_VALVE
+from valve_twin.core.diagnosis.detection import detect
+from valve_twin.core.diagnosis.generic.campaign import model_rig, own_signatures
+from valve_twin.core.diagnosis.generic.signatures import signatures_of
+from valve_twin.core.valves.registry import get_model
+
+BEFORE = 10
+OSCILLATION = 0.02
+"""A large one of `first_order`: share of the span, as docs/campaigns/any_valve has it."""
+
+
+@pytest.fixture(scope="module")
+def table():
+    return signatures_of(get_model("first_order"))
+
+
+def record(table, *, step, rows=BEFORE + 5, scale=1.0):
+    """Return features of which one goes off by a step behind the first cycles, (N, F)."""
+    vectors = np.zeros((rows, len(table.features)))
+    at = table.features.index("lag_up")
+    vectors[:, at] = scale * np.where(np.arange(rows) % 2, 1.0, -1.0)
+    vectors[BEFORE:, at] += scale * step
+    return vectors
+
+
+@pytest.mark.parametrize(("step", "cycles"), [(6.5, 2), (4.6, 3), (3.8, 4), (3.3, 5)])
+def test_the_more_cycles_lie_beyond_the_less_far_they_must(table, step, cycles):
+    vectors = record(table, step=step)
+    row = BEFORE + cycles - 1
+    assert first_beyond(vectors, table, OF_ANY_VALVE, 0) == (row, BEFORE)
+    assert first_beyond(vectors[:row], table, OF_ANY_VALVE, 0) is None
+
+
+def test_less_raises_no_alarm_and_neither_does_what_sampling_alone_does(table):
+    assert first_beyond(record(table, step=3.0), table, OF_ANY_VALVE, 0) is None
+    assert first_beyond(record(table, step=6.5, scale=1e-7), table, OF_ANY_VALVE, 0) is None
+    assert first_beyond(record(table, step=99.0), table, OF_A_MODEL, 0) is None
+
+
+def test_one_cycle_alone_must_have_twelve_before_it(table):
+    late = np.vstack((record(table, step=0.0, rows=12), record(table, step=12.0)[-1:]))
+    assert first_beyond(late, table, OF_ANY_VALVE, 0) == (12, 12)
+    assert first_beyond(late[1:], table, OF_ANY_VALVE, 0) is None
+
+
+def test_a_valve_that_ages_raises_none(table):
+    vectors = record(table, step=0.0, rows=80, scale=0.1)
+    vectors += np.arange(80.0)[:, None] * np.ones(vectors.shape[1])
+    assert first_beyond(vectors, table, OF_ANY_VALVE, 0) is None
+
+
+def test_a_feature_that_a_new_cycle_does_not_show_says_nothing(table):
+    vectors = record(table, step=6.5)
+    vectors[BEFORE:, table.features.index("lag_up")] = np.nan
+    assert first_beyond(vectors, table, OF_ANY_VALVE, 0) is None
+
+
+def test_cycles_nearer_to_the_change_are_not_back(table):
+    vectors = record(table, step=6.5, rows=BEFORE + 9)
+    vectors[-3:, table.features.index("lag_up")] = (1.0, 2.0, 4.0)
+    near = nearer_before(vectors, table, OF_ANY_VALVE, (BEFORE + 1, BEFORE))
+    assert near is not None
+    assert near[-3:].tolist() == [True, True, False]
+    assert not near[BEFORE:-3].any()
+
+
+def test_a_lasting_oscillation_of_a_young_valve_is_told_in_every_longer_history():
+    """It was told as over from the twelfth cycle with it on: eight cycles know no scatter."""
+    rig = model_rig("first_order")
+    valve = rig.start(950)
+    table = own_signatures(rig, valve)
+    before = rig.run(valve, 13 - valve.cycle)
+    valve.set_fault("oscillation", OSCILLATION)
+    rows = np.vstack((before, rig.run(valve, 18)))[:, : len(table.features)]
+    cycles = np.arange(1, len(rows) + 1)
+    old = replace(OF_ANY_VALVE, beyond=0.0, young=0)
+    assert detect(cycles, rows, table, old).present is None
+    for count in range(len(before) + 5, len(rows) + 1):
+        assert detect(cycles[:count], rows[:count], table, OF_ANY_VALVE).present is not None

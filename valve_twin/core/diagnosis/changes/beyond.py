@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Cycles of which each lies farther off than any cycle before, in one feature and one direction.
+
+A few cycles do not tell how a valve scatters, and a variance of theirs must count much wider. That
+none of them went nearly as far as each of some newer ones does needs no variance: the more of
+these there are, the less far they must lie.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.kernels import njit
+
+if TYPE_CHECKING:
+    from valve_twin.core.diagnosis.config import DetectionConfig
+    from valve_twin.core.diagnosis.table import SignatureTable
+    from valve_twin.core.types import BoolArray, FloatArray
+
+_FACTORS = np.array([8.0, 5.0, 3.5, 2.7, 2.2])
+"""How many times as far as the farthest before each of 1 to 5 newest cycles lies at least, set on
+strangers [1]."""
+
+_TAIL = 1.0 / 3.0
+"""Of one cycle: the chance of a large deviation falls with the third power, as assumed of one that
+raises an alarm alone [1]."""
+
+_LEAST = 7
+_LEAST_ALONE = 12
+"""Fewest cycles before some, and before one alone."""
+
+_LINE = 20
+"""Cycles from which on they are held against a line, not against their median."""
+
+_ONE_OUT = 16
+"""Cycles from which on the farthest one is left out: one outlier says nothing."""
+
+_QUIET = 3.0
+"""Least that counts as the farthest, in the least standard deviation of a feature [1]."""
+
+_CLEAR = 1.5
+"""How many times as far as the farthest before a change must lie to say whether it is over [1]."""
+
+_KNOWN = 0.8
+"""Share of the cycles before that must show a feature [1]."""
+
+
+def first_beyond(
+    vectors: FloatArray, table: SignatureTable, config: DetectionConfig, begin: int
+) -> tuple[int, int] | None:
+    """Return the first row that ends some that all lie beyond those before, and the first of them.
+
+    Parameters
+    ----------
+    vectors : (N, F) array
+        Features as they are followed [unit by feature]; NaN where a cycle does not show one.
+    table : SignatureTable
+        Says what sampling and rounding alone do to a feature.
+    config : DetectionConfig
+        When to speak: `beyond` and `alone`.
+    begin : int
+        First row that is asked.
+    """
+    if not config.beyond:
+        return None
+    quiet = np.maximum(np.array(table.floor), np.sqrt(np.diag(np.array(table.covariance))))
+    chance = max(config.alone, 1e-12)
+    rule = (config.beyond * _FACTORS, config.window, chance)
+    rows = np.ascontiguousarray(vectors)
+    row, number = _first(rows, _QUIET * quiet, max(begin, 0), *rule)
+    return (row, row - number + 1) if row >= 0 else None
+
+
+def nearer_before(
+    vectors: FloatArray, table: SignatureTable, config: DetectionConfig, raised: tuple[int, int]
+) -> BoolArray | None:
+    """Return which rows are nearer to those before a change than to it, (N,); None = not known.
+
+    Asked are the features in which each cycle of the change lay beyond those before: most of them
+    must be back.
+
+    Parameters
+    ----------
+    vectors : (N, F) array
+        Features as they are followed [unit by feature]; NaN where a cycle does not show one.
+    table : SignatureTable
+        Says what sampling and rounding alone do to a feature.
+    config : DetectionConfig
+        When to speak.
+    raised : (int, int)
+        Row of the alarm, and the first that showed the change.
+    """
+    alarm, first = raised
+    since = max(first - config.window, 0)
+    if not config.beyond or first - since < _LEAST:
+        return None
+    quiet = np.maximum(np.array(table.floor), np.sqrt(np.diag(np.array(table.covariance))))
+    rows, changed, back = np.arange(len(vectors)), 0, np.zeros(len(vectors))
+    columns = np.ascontiguousarray(vectors.T)
+    for column, least in zip(columns, _QUIET * quiet, strict=True):
+        place = since + np.flatnonzero(np.isfinite(column[since:first]))
+        if len(place) < max(_LEAST - 1, _KNOWN * (first - since)):
+            continue
+        own = place.astype(np.float64)
+        far, before = _nearest(column[first : alarm + 1], first, own, column[place])
+        if far > _CLEAR * max(before, least):
+            changed += 1
+            level, slope, centre = _line(own, column[place])
+            off = column - level - slope * (rows - centre)
+            half = 0.5 * abs(float(np.median(off[first : alarm + 1])))
+            back += ~(np.abs(off) >= half)  # what is not shown says nothing
+    return np.asarray(back > 0.5 * changed, dtype=np.bool_) if changed else None
+
+
+@njit(cache=True)
+def _first(
+    vectors: FloatArray,
+    least: FloatArray,
+    begin: int,
+    factors: FloatArray,
+    window: int,
+    chance: float,
+) -> tuple[int, int]:
+    """Return the first row from `begin` on and how many up to it lie beyond; -1 = none does."""
+    place, value = np.empty(window), np.empty(window)
+    for end in range(begin, len(vectors)):
+        best, number = 1.0, 0
+        for m in range(1, len(factors) + 1):
+            first = end - m + 1
+            if first < (_LEAST_ALONE if m == 1 else _LEAST):
+                continue
+            since = max(first - window, 0)
+            count = first - since
+            factor = factors[m - 1]
+            if m == 1:
+                factor = max(factor, (count * chance) ** -_TAIL)
+            for j in range(vectors.shape[1]):
+                known = 0
+                for row in range(since, first):
+                    if np.isfinite(vectors[row, j]):
+                        place[known], value[known] = row, vectors[row, j]
+                        known += 1
+                if known < max(_LEAST - 1, _KNOWN * count):
+                    continue
+                near = _nearest(vectors[first : end + 1, j], first, place[:known], value[:known])
+                far = near[0] / (factor * max(near[1], least[j]))
+                if far > best:
+                    best, number = far, m
+        if number:
+            return end, number
+    return -1, 0
+
+
+@njit(cache=True)
+def _nearest(
+    new: FloatArray, first: int, place: FloatArray, value: FloatArray
+) -> tuple[float, float]:
+    """Return how far the nearest of some new cycles lies off, and how far those before did."""
+    level, slope, centre = _line(place, value)
+    up, down = np.inf, np.inf
+    for k in range(len(new)):
+        off = new[k] - level - slope * (first + k - centre)
+        if not np.isfinite(off):
+            return 0.0, 1.0
+        up, down = min(up, off), min(down, -off)
+    farthest, next_to_it = 0.0, 0.0
+    for k in range(len(value)):
+        far = abs(value[k] - level - slope * (place[k] - centre))
+        if far > farthest:
+            farthest, next_to_it = far, farthest
+        else:
+            next_to_it = max(next_to_it, far)
+    return max(up, down), next_to_it if len(value) >= _ONE_OUT else farthest
+
+
+@njit(cache=True)
+def _line(place: FloatArray, value: FloatArray) -> tuple[float, float, float]:
+    """Return level, slope and centre of the line through some cycles; of few the median."""
+    count = len(value)
+    if count < _LINE:
+        return float(np.median(value)), 0.0, 0.0
+    centre, level, across, spread = place.mean(), value.mean(), 0.0, 0.0
+    for k in range(count):
+        off = place[k] - centre
+        across += off * value[k]
+        spread += off * off
+    return level, across / spread, centre
+
+
+def warm_up() -> None:
+    """Compile what is called here."""
+    one = np.zeros(1)
+    _first(np.zeros((2, 1)), one, 0, _FACTORS, 1, 1.0)
+    _nearest(one, 0, one, one)
+    _line(one, one)
