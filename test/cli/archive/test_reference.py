@@ -5,12 +5,14 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 
 from valve_twin.bench.data.years import features, life
+from valve_twin.cli.archive import reference
 from valve_twin.cli.archive.reference import distinct
 from valve_twin.cli.main import main
 from valve_twin.core.aging import VerdictKind, assess
@@ -203,6 +205,25 @@ def test_a_bag_that_is_given_twice_is_one_valve(tmp_path, monkeypatch):
     Path("a").mkdir()
     Path("link").symlink_to("a")
     assert distinct(["b", "a/", "a", "link", str(tmp_path / "b")]) == ["b", "a/"]
+
+
+def test_bags_are_of_the_valves_that_are_named(folder, tmp_path, monkeypatch, capsys):
+    """A reference is the valve's own only where its valve is named: a bag does not say whose."""
+
+    def run(config, bag, **options):
+        assert config.name == "/press"
+        return SimpleNamespace(estimates=[e for pair in lived(20, 21) for e in pair]), None
+
+    monkeypatch.setattr(reference, "run_offline", run)
+    out, bags = tmp_path / "own.reference", ["--bag", "a", "--bag", "b"]
+    given = ["reference", "--config", str(folder / "press.yaml"), *bags, "-o", str(out)]
+    assert main(given) == 0
+    assert config_of(out).reference.valves == ("a", "b")
+    assert main([*given, "--valve", "press", "--valve", "/press"]) == 0
+    assert config_of(out).reference.valves == ("/press",)
+    capsys.readouterr()
+    assert main([*given, "--valve", "/press"]) == 2
+    assert "2 --bag and 1 --valve: name all" in capsys.readouterr().err
 
 
 def test_a_file_is_written_by_a_yaml_that_names_it_already(folder, tmp_path):

@@ -58,7 +58,8 @@ def add(verbs: Verbs) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="valve of the history; again for each that is like it",
+        help="valve of the history, again for each that is like it; with --bag: whose each bag is, "
+        "in their order",
     )
     parser.add_argument(
         "--bag",
@@ -84,10 +85,14 @@ def _reference(arguments: argparse.Namespace) -> int:
     from valve_twin.io.history.store import History
 
     check_writable(arguments.out)
-    if bool(arguments.bag) == bool(arguments.url and arguments.valve):
+    bags: list[str] = arguments.bag
+    if bool(bags) == bool(arguments.url) or not (bags or arguments.valve):
         return fail("reference: give --url and --valve, or --bag", USAGE)
     wanted = _wanted(arguments.cycles)
-    names = list(dict.fromkeys("/" + name.strip("/") for name in arguments.valve))
+    given = ["/" + name.strip("/") for name in arguments.valve]
+    if bags and given and len(given) != len(bags):
+        return fail(f"reference: {len(bags)} --bag and {len(given)} --valve: name all", USAGE)
+    names = list(dict.fromkeys(given))
     # a file that is not there yet may be named already
     configs = load_config(arguments.config, without=("aging.feature_reference",))
     config = _config(configs, names)
@@ -96,9 +101,12 @@ def _reference(arguments: argparse.Namespace) -> int:
     if arguments.url:
         with History(arguments.url, read_only=True) as history:
             taken = [_of_history(history, name, model, wanted) for name in names]
-    for bag in distinct(arguments.bag):
-        record, _ = run_offline(config, bag, close_last=False, predict=False)
-        taken.append(_taken(bag, bag, past_of(record.estimates), model, wanted, 0))
+    name_of = dict(zip(bags, given, strict=True)) if given and bags else {}
+    for bag in distinct(bags):
+        valve = name_of.get(bag, bag)
+        own = _config(configs, [valve])
+        record, _ = run_offline(own, bag, close_last=False, predict=False)
+        taken.append(_taken(bag, valve, past_of(record.estimates), model, wanted, 0))
     where = arguments.url or arguments.config
     try:
         made = make_reference(
