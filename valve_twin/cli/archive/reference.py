@@ -58,8 +58,8 @@ def add(verbs: Verbs) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="valve of the history, again for each that is like it; with --bag: whose each bag is, "
-        "in their order",
+        help="valve of the history, again for each that is like it; with --bag: whose each is, in "
+        "their order",
     )
     parser.add_argument(
         "--bag",
