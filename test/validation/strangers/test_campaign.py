@@ -44,6 +44,13 @@ def test_the_first_table_is_of_the_frozen_seeds(committed):
     assert len(first["verdicts"]) == first["strangers"] >= 100
 
 
+def test_the_newest_table_is_of_400_presses_of_a_list_of_its_own(committed):
+    newest = committed["eleventh"]
+    assert newest["seeds"] == [91_000, 91_399]
+    assert len(newest["verdicts"]) == newest["strangers"] == 400
+    assert share(newest["shares"], "not enough data") <= 0.05
+
+
 @pytest.fixture(scope="module")
 def short():
     return pooled(list(meet(seeds(SHORT_BASE, SHORT_COUNT), setup_of(None)))).shares
