@@ -130,6 +130,15 @@ def test_rows_grow_with_the_screen_and_names_break_between_their_parts(server, b
         browser.resize(width, 800)
         sizes.append(browser.run(size))
     assert sizes[1] > 2.0 * sizes[0]
+    lines = browser.run(
+        """[...document.querySelectorAll('.fleet .state')].map((cell) => {
+          const words = document.createRange(); words.selectNode(cell.childNodes[1]);
+          return [words.getBoundingClientRect().left,
+            cell.querySelector('small').getBoundingClientRect().left];
+        })"""
+    )
+    assert len(lines) == 3
+    assert all(abs(word - verdict) < 2.0 for word, verdict in lines), lines
     browser.resize(1400, 800)
     rows = browser.run(f"""[...document.querySelectorAll('.fleet th a')]
         .find((a) => a.textContent === {LONG!r}).innerHTML""")

@@ -125,6 +125,14 @@ def test_a_hostile_name_is_text(server):
         assert "<script>alert" not in own
 
 
+def test_cycles_without_samples_show_no_key_of_curves_and_what_is_not_known_as_such(server):
+    status, page, _ = server.get("/cycles/press/worn")
+    assert status == 200
+    assert "No samples:" in page
+    assert 'class="legend"' not in page
+    assert "<td></td>" not in page
+
+
 def test_a_valve_leads_to_its_page_and_to_the_one_that_report_writes(server):
     status, page, _ = server.get("/valve/press/worn")
     assert status == 200

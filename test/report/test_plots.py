@@ -18,14 +18,12 @@ from valve_twin.report.svg import extremes
 
 CYCLES = 8000
 FAR = (1234, 4321, 7654)
+DIGIT = 7.0
+"""Width of a digit at the axes of a chart of 480 units at least [units of the drawing]."""
 
 
-@pytest.fixture(scope="module")
-def picture() -> str:
-    """Return the chart of a long life in which three values stand out and half are refused."""
-    values = 1.0 + 1e-3 * np.random.default_rng(1000).standard_normal(2 * CYCLES)
-    values[[2 * n for n in FAR]] += 1.0
-    status = ParameterStatus.OK, ParameterStatus.NOT_EXCITED
+def chart(values, status=(ParameterStatus.OK, ParameterStatus.OK)) -> str:
+    """Return the chart of a parameter with these values, states in turn."""
     estimates = [
         Estimate(
             model="",
@@ -38,9 +36,17 @@ def picture() -> str:
             reason="",
             used_by_trend=True,
         )
-        for n, value in enumerate(values.tolist())
+        for n, value in enumerate(values, 1)
     ]
     return str(plot_parameter("gain", estimates, Marks(), "cycle"))
+
+
+@pytest.fixture(scope="module")
+def picture() -> str:
+    """Return the chart of a long life in which three values stand out and half are refused."""
+    values = 1.0 + 1e-3 * np.random.default_rng(1000).standard_normal(2 * CYCLES)
+    values[[2 * n for n in FAR]] += 1.0
+    return chart(values.tolist(), (ParameterStatus.NOT_EXCITED, ParameterStatus.OK))
 
 
 def moves(picture: str, style: str) -> list[tuple[float, float]]:
@@ -70,6 +76,20 @@ def test_the_ends_of_every_column_are_kept(seed):
         assert {own[0], own[-1], own[np.nanargmin(y[own])], own[np.nanargmax(y[own])]} == set(
             shown
         )
+
+
+def test_numbers_at_the_axis_are_not_cut_however_long():
+    for values in ([0.00100, 0.00101], [0.0100, 0.0101], [1e-4, 1.01e-4], [12345.6, 12345.7]):
+        texts = re.findall(r'<text class="tick end" x="([\d.]+)"[^>]*>([^<]*)<', chart(values))
+        assert len(texts) >= 2
+        assert all(float(x) >= DIGIT * len(text) for x, text in texts), texts
+
+
+@pytest.mark.parametrize("count", [2, 3, 8, 60])
+def test_cycles_are_counted_in_whole_numbers(count):
+    texts = re.findall(r'<text class="tick mid"[^>]*>([^<]*)<', chart([1.0] * count))
+    assert len(texts) >= 2
+    assert all(text.isdecimal() for text in texts), texts
 
 
 def test_no_point_is_no_point():

@@ -388,7 +388,7 @@ def _cycle(shown: ShownCycle) -> dict[str, object]:
                 "value": number(p.value),
                 "interval": f"{number(p.lower_95)} … {number(p.upper_95)}"
                 if math.isfinite(p.upper_95 - p.lower_95)
-                else "",
+                else NONE,
             }
             for p in parameters
         ],

@@ -14,7 +14,7 @@ import numpy as np
 from valve_twin.core.aging import TrendStatus
 from valve_twin.core.aging.verdict import Outlook, outlook
 from valve_twin.core.types import ParameterStatus, Validity
-from valve_twin.report.svg import Panel, drawing, extremes, round_ticks, thin
+from valve_twin.report.svg import Panel, drawing, extremes, round_ticks, thin, tick_texts
 from valve_twin.report.text import MINUS, number
 
 if TYPE_CHECKING:
@@ -48,6 +48,12 @@ _FAR = 0.6
 
 _MOST_DAYS = 150
 """Parts that condensed days are drawn in at most."""
+
+_VALUES = 5
+"""About how many numbers stand at the axis of values [1]."""
+
+_COUNTED = ("cycle", "cycles")
+"""Axes on which nothing lies between two numbers."""
 
 _MAX_BARS = 400
 """Estimates up to which every one's 95 % limits are drawn."""
@@ -158,7 +164,7 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
     bound = np.array([p.status is ParameterStatus.AT_BOUND for _, p in found], bool)
     trend = marks.trend
     panel = _parameter_panel(x, value, low, high, usable | bound, marks)
-    panel.axes(x_label=axis, x_ticks=6, y_ticks=5)
+    panel.axes(x_label=axis, x_ticks=6, y_ticks=_VALUES, x_whole=axis in _COUNTED)
     if trend is not None and math.isfinite(trend.reference) and trend.reference:
         _percent_axis(panel, trend.reference)
     _days(panel, marks)
@@ -233,14 +239,10 @@ def _parameter_panel(
     ends = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
     ends = (ends[0], ends[1] + _look_ahead(marks, ends[1] - ends[0]))
     pad = 0.02 * (ends[1] - ends[0]) or 0.5
-    return Panel(
-        58.0,
-        14.0,
-        352.0,
-        226.0,
-        (ends[0] - pad, ends[1] + pad),
-        _range(parts, floor=1e-3 if not np.any(value[shown]) else 0.0),
-    )
+    y = _range(parts, floor=1e-3 if not np.any(value[shown]) else 0.0)
+    longest = max(map(len, tick_texts(round_ticks(*y, _VALUES))), default=0)
+    left = max(58.0, 7.4 * longest + 6.0)  # no number is cut
+    return Panel(left, 14.0, 410.0 - left, 226.0, (ends[0] - pad, ends[1] + pad), y)
 
 
 def _look_ahead(marks: Marks, length: float) -> float:

@@ -88,7 +88,7 @@ class Panel:
         return px, clipped
 
     def axes(self, *, x_label: str = "", y_label: str = "", x_ticks: int = 6, y_ticks: int = 4,
-             x_texts: bool = True) -> None:  # fmt: skip
+             x_texts: bool = True, x_whole: bool = False) -> None:  # fmt: skip
         """Draw grid lines, ticks and labels.
 
         Parameters
@@ -99,6 +99,8 @@ class Panel:
             About how many numbers stand at each [1].
         x_texts : bool
             Whether the horizontal axis is numbered and labelled.
+        x_whole : bool
+            Whether it counts something: no number stands between two of them.
         """
         bottom, right = self.top + self.height, self.left + self.width
         ys = round_ticks(*self.y, y_ticks)
@@ -107,6 +109,8 @@ class Panel:
             self.parts.append(f'<path class="grid" d="M{self.left:.1f} {at:.1f}H{right:.1f}"/>')
             self.text(self.left - 6, at + 4, text, "tick end")
         xs = round_ticks(*self.x, x_ticks)
+        if x_whole:
+            xs = sorted({float(round(x)) for x in xs if self.x[0] <= round(x) <= self.x[1]})
         for value, text in zip(xs, tick_texts(xs), strict=True):
             at = float(self.place(value, self.y[0])[0])
             self.parts.append(f'<path class="axis" d="M{at:.1f} {bottom:.1f}v4"/>')

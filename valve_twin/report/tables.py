@@ -78,9 +78,10 @@ def life_table(trends: Sequence[Trend]) -> Table:
 def _life_row(t: Trend) -> list[str]:
     slope = with_interval(100 * t.slope, 100 * t.slope_lower_95, 100 * t.slope_upper_95)
     p = Markup("p = {}").format(number(t.p_value, 2)) if math.isfinite(t.p_value) else ""
+    used = "1 estimate" if t.samples == 1 else f"{count(t.samples)} estimates"
     return [
         t.parameter + unit(t.unit),
-        noted(STATUS_WORDS[t.status], f"{count(t.samples)} estimates"),
+        noted(STATUS_WORDS[t.status], used),
         with_interval(t.level, t.mean_lower_95, t.mean_upper_95),
         percent(t.drift_reference, t.drift_reference_lower_95, t.drift_reference_upper_95),
         noted(slope, p),
