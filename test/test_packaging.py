@@ -25,6 +25,7 @@ from catkin_pkg.package import parse_package
 import valve_twin
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.claim import FileClaim
+from valve_twin.io.history.store import CycleRecord, History
 
 ROOT = Path(__file__).resolve().parent.parent
 ROS = os.environ.get("VALVE_TWIN_ROS") or "jazzy"
@@ -68,16 +69,43 @@ class Missing:
 sys.meta_path.insert(0, Missing())
 from valve_twin.cli import main
 
-for name in ("sched_getaffinity", "O_CLOEXEC", "O_DIRECTORY", "pread", "pwrite", "statvfs"):
+for name in {lacks}:
     delattr(os, name)
-sys.modules.pop("fcntl", None)
-sys.platform = "win32"
+for name in {missing}:
+    sys.modules.pop(name, None)
+sys.platform = "{system}"
 for line in sys.stdin.read().splitlines():
     print("rc", main(line.split()))
 """
 """A Python without ROS 2, cvxpy and what only Linux has; what others import is that of Linux."""
 
-MISSING = {"fcntl", "resource", "rclpy", "cvxpy", "valve_twin_msgs", "builtin_interfaces"}
+NO_ROS = {"rclpy", "cvxpy", "valve_twin_msgs", "builtin_interfaces"}
+MISSING = {
+    "win32": NO_ROS | {"fcntl", "resource", "termios", "tty", "pwd", "grp", "syslog"},
+    "darwin": NO_ROS,
+}
+LACKS = {
+    "win32": (
+        *("sched_getaffinity", "O_CLOEXEC", "O_DIRECTORY", "pread", "pwrite", "statvfs"),
+        *("geteuid", "getuid", "fork", "setsid", "killpg", "nice", "sysconf", "getloadavg"),
+    ),
+    "darwin": ("sched_getaffinity",),
+}
+"""Modules, and what of `os`, that there are not on another system."""
+
+IMPORTS = """
+import importlib, pkgutil, valve_twin
+for found in pkgutil.walk_packages(valve_twin.__path__, "valve_twin."):
+    parts = found.name.split(".")[1:]
+    if {"nodes", "bench", "demo", "versions", "env", "__main__"} & set(parts):
+        continue
+    try:
+        importlib.import_module(found.name)
+    except Exception as err:
+        print("not", found.name, repr(err))
+    else:
+        print("yes", found.name)
+"""
 
 
 def test_colcon_sees_both_packages_with_their_types() -> None:
@@ -278,10 +306,12 @@ def test_every_field_of_a_message_is_explained(path: Path) -> None:
             assert "#" in line, f"{path.name}: {line}"
 
 
-def run_elsewhere(folder: Path, *commands: str) -> list[str]:
+def run_elsewhere(folder: Path, system: str, *commands: str, first: str = "") -> list[str]:
     """Run commands one after the other; return what was printed."""
+    given = {"missing": sorted(MISSING[system]), "lacks": LACKS[system], "system": system}
+    program = ELSEWHERE.format(**given).replace("for line in", f"{first}\nfor line in")
     done = subprocess.run(
-        [sys.executable, "-c", ELSEWHERE.format(missing=sorted(MISSING))],
+        [sys.executable, "-c", program],
         input="\n".join(commands),
         cwd=folder,
         capture_output=True,
@@ -295,6 +325,7 @@ def run_elsewhere(folder: Path, *commands: str) -> list[str]:
 def test_the_offline_commands_run_without_ros_on_another_system(tmp_path):
     said = run_elsewhere(
         tmp_path,
+        "win32",
         f"simulate --config {CONFIG} --cycles 12 --out bag",
         "info bag --verify",
         f"estimate bag --config {CONFIG} --json found.jsonl",
@@ -302,11 +333,34 @@ def test_the_offline_commands_run_without_ros_on_another_system(tmp_path):
         "cut bag --from 10 --to 40 --out part",
         f"convert part --config {CONFIG} --out part.csv",
         "configure bag",
+        first=IMPORTS,
     )
     assert [line for line in said if line.startswith("rc ")] == ["rc 0"] * 7
+    assert [line for line in said if line.startswith("not ")] == []
+    assert sum(line.startswith("yes ") for line in said) > 300
     assert (tmp_path / "found.jsonl").read_text().count("output_error") >= 12
     assert "</html>" in (tmp_path / "page.html").read_text()
     assert len((tmp_path / "part.csv").read_text().splitlines()) == 1001
+
+
+@pytest.mark.parametrize("system", MISSING)
+def test_a_history_in_a_file_is_read_on_another_system(tmp_path, system):
+    with History(tmp_path / "h.sqlite") as history:
+        history.store("/v", CycleRecord(1, 0, 1, 850))
+    url = "--url h.sqlite"
+    said = run_elsewhere(
+        tmp_path,
+        system,
+        f"history list {url}",
+        f"history verify {url}",
+        f"history export {url} --out tables",
+        f"history backup {url} --out copy.sqlite",
+        f"fleet {url}",
+    )
+    assert [line for line in said if line.startswith("rc ")] == ["rc 0"] * 5, said
+    assert "/v: last cycle 1" in said
+    with History(tmp_path / "copy.sqlite", read_only=True) as history:
+        assert history.last_cycle("/v") == 1
 
 
 def test_a_history_in_a_file_is_not_written_without_the_locks_of_linux(tmp_path, monkeypatch):

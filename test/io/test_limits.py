@@ -17,6 +17,7 @@ import zstandard
 from mcap.records import Schema
 
 from test import peak
+from test.io import foreign_verbs
 from test.io.foreign import INSTRUMENTS, SUBJECTS, campaign, imported
 from valve_twin.io.bags.folder import find_files
 from valve_twin.io.cdr.bag_types import BagTypes
@@ -223,6 +224,28 @@ def test_an_import_tells_what_the_reader_tells(kind, tmp_path):
 @pytest.mark.parametrize("kind", INSTRUMENTS)
 def test_five_hundred_imports_do(kind, part, tmp_path):
     assert imported(kind, tmp_path, 200 + part, 100) == []
+
+
+def test_every_verb_tells_what_a_mutated_bag_lacks(tmp_path):
+    assert foreign_verbs.of_bags(tmp_path, 3, 16) == []
+
+
+@pytest.mark.parametrize("kind", ["text", "tdms"])
+def test_configure_tells_what_the_reader_tells(kind, tmp_path):
+    assert foreign_verbs.of_configure(kind, tmp_path, 3, 3) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(5))
+def test_every_verb_tells_it_of_two_thousand(part, tmp_path):
+    assert foreign_verbs.of_bags(tmp_path, 200 + part, 400) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(5))
+@pytest.mark.parametrize("kind", INSTRUMENTS)
+def test_configure_tells_it_of_five_hundred(kind, part, tmp_path):
+    assert foreign_verbs.of_configure(kind, tmp_path, 200 + part, 100) == []
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TypeAlias, TypeVar
 
+from valve_twin.cli.output import shown
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End with the usage exit code."""
-        sys.stderr.write(f"{self.prog}: {message}; see {self.prog} --help\n")
+        say(f"{self.prog}: {message}; see {self.prog} --help")
         raise SystemExit(USAGE)
 
 
@@ -261,13 +262,13 @@ def _read(kind: Callable[[str], N], text: str, fits: Callable[[N], bool], wanted
 
 def fail(text: str, code: int = FAILED) -> int:
     """Say in one line why it ends."""
-    sys.stderr.write(f"valve-twin: {' '.join(text.split())}\n")
+    say(f"valve-twin: {' '.join(text.split())}")
     return code
 
 
 def say(text: str) -> None:
     """Write one line to stderr: stdout carries results only."""
-    sys.stderr.write(f"{text}\n")
+    sys.stderr.write(f"{shown(text)}\n")
 
 
 def progress_of(what: str, total: int | None) -> AbstractContextManager[Steps]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.cli.common import OK, add_verb, check_writable, fail, positive_number, say
+from valve_twin.cli.output import shown, write
 
 if TYPE_CHECKING:
     import argparse
@@ -136,7 +137,8 @@ def _asked(arguments: argparse.Namespace, survey: Survey, known: ClockChoice) ->
     default = float(np.median(np.diff(seconds)))
     if arguments.yes or not sys.stdin.isatty():
         return known
-    sys.stderr.write(f"{first.path}: {first.clock}. Seconds between two rows? [{default:g}] ")
+    asked = f"{first.path}: {first.clock}. Seconds between two rows? [{default:g}] "
+    sys.stderr.write(shown(asked))
     sys.stderr.flush()
     text = sys.stdin.readline().strip().replace(",", ".")
     if not text:
@@ -153,7 +155,7 @@ def _write(arguments: argparse.Namespace, text: str) -> None:
         Path(arguments.out).write_text(text, encoding="utf-8")
         say(f"{arguments.out}: proposal written; check it before you use it")
     else:
-        sys.stdout.write(text)
+        write(text)
 
 
 def _draw(survey: Survey, choice: Choice) -> str:

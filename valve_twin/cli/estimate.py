@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +21,7 @@ from valve_twin.cli.common import (
     run_offline,
     say,
 )
+from valve_twin.cli.output import write
 
 if TYPE_CHECKING:
     import argparse
@@ -74,7 +74,7 @@ def _estimate(arguments: argparse.Namespace) -> int:
         verdict = assessment.verdict
         say(f"{arguments.json}: {describe_use(record)}; {verdict.text}: {verdict.evidence}")
     else:
-        sys.stdout.write(text)
+        write(text)
     if not record.cycles:
         return no_cycle(config, arguments.bag)
     if is_doubtful(record, assessment):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from typing import TYPE_CHECKING
@@ -34,6 +35,7 @@ from valve_twin.cli.archive import (
 from valve_twin.cli.bags import convert, cut, import_, info, predict, recover, replay, stroke_test
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
 from valve_twin.cli.design import verb as design
+from valve_twin.cli.output import shown
 from valve_twin.io.errors import ConfigError, IndexLiesError, ValveTwinError
 
 if TYPE_CHECKING:
@@ -90,6 +92,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         Exit code.
     """
+    if logging.lastResort is not None:  # what the package warns of names foreign things, too
+        logging.lastResort.setFormatter(_Shown())
     arguments = _parser().parse_args(argv)
     verb: Callable[[argparse.Namespace], int] = arguments.run
     try:
@@ -118,6 +122,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"({type(err).__name__}: {err}); please report it with the file; {TRACE}=1 shows where"
         )
     return code
+
+
+class _Shown(logging.Formatter):
+    """Gives the terminal no orders."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return a record as it is written."""
+        return shown(super().format(record))
 
 
 def _parser() -> argparse.ArgumentParser:

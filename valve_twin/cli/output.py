@@ -6,25 +6,51 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
-    from rich.console import Console
+    from rich.console import Console, ConsoleOptions, RenderableType
     from rich.table import Table
 
 WIDTH = 150
 """Columns where standard output is no terminal."""
 
+_ORDERS = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+"""What a terminal obeys instead of showing it: controls, directions of writing, broken text."""
+
+
+def shown(text: str) -> str:
+    r"""Return a text with its line ends and tabs, and what a terminal would obey as `\x1b`."""
+    return _ORDERS.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+def write(text: str) -> None:
+    """Write to standard output; a name of foreign origin gives the terminal no orders."""
+    sys.stdout.write(shown(text))
+
 
 def console(width: int = WIDTH) -> Console:
     """Return standard output as a console, so wide where it is no terminal [characters]."""
     from rich.console import Console
+    from rich.segment import Segment
 
-    found = Console(file=sys.stdout)
-    return found if found.is_terminal else Console(file=sys.stdout, width=width)
+    class Showing(Console):
+        """Gives the terminal the orders of tables, none of their words."""
+
+        def render(
+            self, renderable: RenderableType, options: ConsoleOptions | None = None
+        ) -> Iterator[Segment]:
+            for part in super().render(renderable, options):
+                yield part if part.control else Segment(shown(part.text), part.style)
+
+    found = Showing(file=sys.stdout)
+    return found if found.is_terminal else Showing(file=sys.stdout, width=width)
 
 
 def table(title: str, left: Iterable[str] = (), right: Iterable[str] = ()) -> Table:

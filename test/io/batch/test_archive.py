@@ -145,6 +145,16 @@ def test_the_verb_estimates_every_bag_and_names_the_bad_ones(archive, tmp_path, 
     assert results_in(out) == before
 
 
+def test_no_name_of_a_bag_is_a_formula_in_the_summary(archive, tmp_path):
+    bags = tmp_path / "bags"
+    bags.mkdir()
+    (bags / "=1+1.mcap").write_bytes(b"no bag")
+    command = ("batch", bags, "--config", archive.config, "--out", tmp_path / "out")
+    assert call(*command) == 1
+    with (tmp_path / "out" / "summary.csv").open(encoding="utf-8") as file:
+        assert [row["bag"] for row in csv.DictReader(file)] == ["'=1+1.mcap"]
+
+
 def test_an_interrupted_batch_goes_on_where_it_stopped(good, archive, tmp_path):
     tasks = tasks_of(good, archive.configs)
     straight, broken = Results(tmp_path / "straight"), Results(tmp_path / "broken")

@@ -298,3 +298,40 @@ def test_numbers_of_no_usual_kind_in_an_hdf5_file_are_told(tmp_path):
             h5py.h5s.ALL, h5py.h5s.ALL, foreign.PRESSURE
         )
     assert any("'p_bar' is of no usual kind" in n for n in read_recording(path).notices)
+
+
+@pytest.mark.parametrize("kind", ["none", "virtual"])
+def test_rows_of_an_mdf_file_that_count_as_seconds_are_told(tmp_path, kind):
+    asammdf = pytest.importorskip("asammdf")
+    path = tmp_path / "a.mf4"
+    foreign.mdf(path)
+    data = path.read_bytes()
+    with asammdf.MDF(path) as file:
+        masters = [file.groups[g].channels[c].address for g, c in file.masters_db.items()]
+    changed = bytearray(data)
+    for at in masters:
+        assert changed[at : at + 4] == b"##CN"
+        links = int.from_bytes(changed[at + 16 : at + 24], "little")
+        changed[at + 24 + 8 * links] = 0 if kind == "none" else 3  # 2: a master with values
+    path.write_bytes(changed)
+    found = read_recording(path)
+    assert any(" have no times, their rows count as seconds: " in line for line in found.notices)
+
+
+@pytest.mark.parametrize("link", [1, 2, 6])  # parts, name, unit
+def test_a_link_of_an_mdf_channel_to_another_block_is_told(tmp_path, link):
+    asammdf = pytest.importorskip("asammdf")
+    path = tmp_path / "a.mf4"
+    foreign.mdf(path)
+    assert read_recording(path).notices == ()
+    with asammdf.MDF(path) as file:
+        at = file.groups[1].channels[1].address + 24 + 8 * link
+        elsewhere = file.groups[1].channel_group.address
+    changed = bytearray(path.read_bytes())
+    changed[at : at + 8] = elsewhere.to_bytes(8, "little")
+    path.write_bytes(changed)
+    try:
+        told = " ".join(read_recording(path).notices)
+    except BagError as err:
+        told = str(err)
+    assert "lead to other blocks" in told or "is no whole MDF file" in told

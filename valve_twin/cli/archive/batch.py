@@ -110,13 +110,15 @@ def _cells(result: BagResult) -> tuple[str, ...]:
 
 def _write_summary(results: Results, found: Sequence[BagResult]) -> None:
     """Write summary.csv: the table without the column that differs between two runs."""
+    from valve_twin.io.limits import no_formula
+
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     keep = [i for i, name in enumerate(_COLUMNS) if name != "state"]
     writer.writerow([_COLUMNS[i] for i in keep])
     for result in found:
         cells = _cells(result)
-        writer.writerow([cells[i] for i in keep])
+        writer.writerow([no_formula(cells[i]) for i in keep])
     (results.folder / "summary.csv").write_text(text.getvalue(), encoding="utf-8")
 
 

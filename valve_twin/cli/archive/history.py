@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,7 @@ from valve_twin.cli.common import (
     progress_of,
     say,
 )
-from valve_twin.cli.output import print_json
+from valve_twin.cli.output import print_json, write
 
 if TYPE_CHECKING:
     import argparse
@@ -116,13 +115,13 @@ def _history(arguments: argparse.Namespace) -> int:
                 say(f"{path}: written")
         elif arguments.action == "verify":
             found = history.verify()
-            sys.stdout.write("".join(f"{line}\n" for line in found.damaged))
-            sys.stdout.write(f"{found.rows} rows, {len(found.damaged)} damaged\n")
+            write("".join(f"{line}\n" for line in found.damaged))
+            write(f"{found.rows} rows, {len(found.damaged)} damaged\n")
             return FAILED if found.damaged else OK
         elif arguments.action == "list":
             for valve in history.valves():
-                sys.stdout.write(f"{valve}: last cycle {history.last_cycle(valve)}")
-                sys.stdout.write(f"{_condensed_note(history, valve)}\n")
+                write(f"{valve}: last cycle {history.last_cycle(valve)}")
+                write(f"{_condensed_note(history, valve)}\n")
         elif arguments.action in _SHOWN:
             for valve in _chosen(history, arguments.valve):
                 _SHOWN[arguments.action](history, valve, arguments)
@@ -196,7 +195,7 @@ def _show_events(history: History, valve: str, arguments: argparse.Namespace) ->
     for event in history.maintenance(valve):
         begins = "a new segment and a new reference" if event.new_reference else "a new segment"
         why = f"withdrawn: {event.withdrawn_note!a}" if event.withdrawn else f"begins {begins}"
-        sys.stdout.write(f"{valve}: cycle {event.cycle}: {event.note!a}, {why}\n")
+        write(f"{valve}: cycle {event.cycle}: {event.note!a}, {why}\n")
 
 
 def _withdraw(arguments: argparse.Namespace, valve: str) -> int:
@@ -228,7 +227,7 @@ def _show_log(history: History, valve: str, arguments: argparse.Namespace) -> No
             continue
         seen = f", seen by {event.acknowledged_by!a}" if event.acknowledged else ""
         state = f"{event.status}{', open' if event.is_open else seen}"
-        sys.stdout.write(
+        write(
             f"{valve}: {event.id}: {when(event.stamp_ns)}, cycle {event.cycle}: {event.code} "
             f"({state}): {event.text!a}\n"
         )
@@ -240,12 +239,12 @@ def _show_counters(history: History, valve: str, arguments: argparse.Namespace) 
 
     counters = history.log.counters(valve)
     if counters is None:
-        sys.stdout.write("" if arguments.json else f"{valve}: nothing is counted yet\n")
+        write("" if arguments.json else f"{valve}: nothing is counted yet\n")
     elif arguments.json:
         print_json(counters_fields(valve, counters))
     else:
         hours, opened, closed, near = counters.hours
-        sys.stdout.write(
+        write(
             f"{valve}: {counters.cycles} cycles, {counters.movements} movements, "
             f"{counters.reversals} reversals, {counters.starts} starts, travel "
             f"{counters.travel:.6g} ({counters.strokes:.6g} strokes), {hours:.6g} h in cycles: "

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +20,7 @@ from valve_twin.cli.common import (
     run_offline,
     say,
 )
+from valve_twin.cli.output import write
 
 if TYPE_CHECKING:
     import argparse
@@ -109,11 +109,11 @@ def _budget_again(report: WrittenPage, config: ValveConfig) -> Budget | None:
 
 def _tell(report: WrittenPage, where: str, changed: list[str], versions: list[str]) -> int:
     if changed:
-        sys.stdout.write("".join(f"{line}\n" for line in [*changed, *versions]))
+        write("".join(f"{line}\n" for line in [*changed, *versions]))
         return fail(f"{report.where}: differs from what {where} gives now")
     for line in versions:
         say(f"valve-twin: {line}: the page is the same")
     origin = report.provenance.origin
     counted = ", ".join(f"{name} {part.count}" for name, part in origin.parts.items())
-    sys.stdout.write(f"{report.where}: made again from {where} ({counted}): equal in every bit\n")
+    write(f"{report.where}: made again from {where} ({counted}): equal in every bit\n")
     return OK

@@ -4,10 +4,10 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, add_bag, add_config, add_verb, chosen_config
+from valve_twin.cli.output import write
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -42,5 +42,5 @@ def _convert(arguments: argparse.Namespace) -> int:
         written = convert_topics(arguments.bag, arguments.out, arguments.topics)
     for file in written:
         what = f" of {file.topic}" if file.topic else ""
-        sys.stdout.write(f"{file.path}: {file.rows} rows, {file.columns} columns{what}\n")
+        write(f"{file.path}: {file.rows} rows, {file.columns} columns{what}\n")
     return OK

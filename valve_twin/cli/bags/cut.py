@@ -4,10 +4,10 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, add_bag, add_config, add_verb, chosen_config
+from valve_twin.cli.output import write
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -55,5 +55,5 @@ def _cut(arguments: argparse.Namespace) -> int:
     topics = ", ".join(f"{name} ({n})" for name, n in sorted(found.topics.items()))
     held = f"; {found.latched} latched from before the cut" if found.latched else ""
     total = sum(found.topics.values())
-    sys.stdout.write(f"{found.out}: {total} messages written and verified: {topics}{held}\n")
+    write(f"{found.out}: {total} messages written and verified: {topics}{held}\n")
     return OK

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import json
 import logging
-import sys
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import FAILED, OK, add_bag, add_verb
+from valve_twin.cli.output import write
 
 if TYPE_CHECKING:
     import argparse
@@ -43,5 +43,5 @@ def _info(arguments: argparse.Namespace) -> int:
     finally:
         logger.setLevel(before)
     lines = [json.dumps(report)] if arguments.json else report_lines(report)
-    sys.stdout.write("".join(f"{line}\n" for line in lines))
+    write("".join(f"{line}\n" for line in lines))
     return FAILED if report["damaged"] else OK

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 import statistics
-import sys
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import (
@@ -18,7 +17,7 @@ from valve_twin.cli.common import (
     chosen_config,
     fail,
 )
-from valve_twin.cli.output import print_json
+from valve_twin.cli.output import print_json, write
 
 if TYPE_CHECKING:
     import argparse
@@ -71,7 +70,7 @@ def _predict(arguments: argparse.Namespace) -> int:
             rmse = statistics.median(e.one_step_rmse for e in of)
             fits = [e.free_run_fit for e in of if math.isfinite(e.free_run_fit)]
             fit = statistics.median(fits) if fits else math.nan
-            sys.stdout.write(
+            write(
                 f"{arguments.out}: {len(of)} cycles, model {what}; median on cycles that it does "
                 f"not know: one-step error {rmse:.3g} (RMS), free-run fit {fit:.1f} %\n"
             )

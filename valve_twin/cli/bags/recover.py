@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import json
-import sys
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, add_bag, add_verb
+from valve_twin.cli.output import write
 
 if TYPE_CHECKING:
     import argparse
@@ -32,7 +32,7 @@ def _recover(arguments: argparse.Namespace) -> int:
 
     found = recover(arguments.bag, arguments.out)
     lines = [json.dumps(_as_map(found))] if arguments.json else _lines(found)
-    sys.stdout.write("".join(f"{line}\n" for line in lines))
+    write("".join(f"{line}\n" for line in lines))
     return OK
 
 

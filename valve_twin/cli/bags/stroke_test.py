@@ -4,14 +4,13 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.cli.common import FAILED, OK, add_bag, add_config, add_verb, chosen_config, fail
-from valve_twin.cli.output import number, plain, print_json
+from valve_twin.cli.output import number, plain, print_json, write
 from valve_twin.io.errors import ConfigError, StoreError
 
 if TYPE_CHECKING:
@@ -134,4 +133,4 @@ def _show(found: StrokeTest) -> None:
         f"{'kept' if c.passed else f'not kept, by {c.excess:.4g}'}"
         for c in found.criteria
     ]
-    sys.stdout.write("".join(f"{line}\n" for line in [*lines, found.verdict.value]))
+    write("".join(f"{line}\n" for line in [*lines, found.verdict.value]))

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from contextlib import suppress
 from mmap import ACCESS_READ, mmap
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,20 @@ if TYPE_CHECKING:
 
 
 _CHANNEL = re.compile(rb"##CN\0{4}.{2}\0{6}\x08\0{7}", re.DOTALL)  # a block of 8 links
+
+_LEADS_TO = (
+    {b"CN"},
+    {b"CN", b"CA", b"DS", b"CL", b"CV", b"CU"},
+    {b"TX"},
+    {b"SI"},
+    {b"CC"},
+    {b"SD", b"DZ", b"DL", b"HL", b"LD", b"DV", b"CG", b"AT", b"EV"},
+    {b"TX", b"MD"},
+    {b"TX", b"MD"},
+)
+"""Blocks for the links of a channel: next, parts, name, source, conversion, data, unit, note."""
+
+_VIRTUAL = 3  # type of a channel that stands for the number of its row, as the master of a group
 
 
 def read_mdf(path: Path) -> Recording:
@@ -56,6 +71,7 @@ def read_mdf(path: Path) -> Recording:
             check_size(path, sum(8 * file.groups[g].channel_group.cycles_nr for g, _ in places))
             check_count(path, len(places))
             notices = _unreached(path, sum(len(group.channels) for group in file.groups))
+            notices += _timeless(path, file, sorted({g for g, _ in places}))
             columns, empty = [], []
             for g, i in places:
                 signal = file.get(group=g, index=i)
@@ -82,16 +98,40 @@ def read_mdf(path: Path) -> Recording:
 
 
 def _unreached(path: Path, count: int) -> list[str]:
-    """Say that more channels stand in a file of version 4 than its links lead to."""
+    """Say where the links of a file of version 4 do not lead to its channels or their parts."""
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as whole:
         if not whole[8:10].startswith(b"4."):
             return []
-        found = sum(m.start() % 8 == 0 for m in _CHANNEL.finditer(whole))
-    return (
-        [f"{path}: of {found} channels that it holds its links lead to {count}; export it anew"]
-        if found > count
-        else []
+        found = [m.start() for m in _CHANNEL.finditer(whole) if m.start() % 8 == 0]
+        astray = sum(_is_astray(whole, at) for at in found)
+    lines = []
+    if len(found) > count:
+        lines.append(f"of {len(found)} channels that it holds its links lead to {count}")
+    if astray:
+        lines.append(f"links of {astray} channels, such as to their units, lead to other blocks")
+    return [f"{path}: {line}; export it anew" for line in lines]
+
+
+def _is_astray(whole: mmap, at: int) -> bool:
+    """Return whether a link of the channel at a place [B] leads to a block of another kind."""
+    links = struct.unpack_from("<8Q", whole, at + 24) if at + 88 <= len(whole) else ()
+    return any(
+        link and (whole[link : link + 2] != b"##" or whole[link + 2 : link + 4] not in kinds)
+        for link, kinds in zip(links, _LEADS_TO, strict=False)
     )
+
+
+def _timeless(path: Path, file: Any, groups: list[int]) -> list[str]:  # noqa: ANN401  an MDF of asammdf
+    """Say of which groups the times are the numbers of their rows, for want of others."""
+    counted = []
+    for g in groups:
+        channels, master = file.groups[g].channels, file.masters_db.get(g)
+        virtual = master is not None and getattr(channels[master], "channel_type", 0) == _VIRTUAL
+        if master is None or (virtual and channels[master].conversion is None):
+            counted += [str(c.name) for n, c in enumerate(channels) if n != master]
+    shown = ", ".join(counted[:6]) + (" ..." if len(counted) > 6 else "")
+    told = f"{path}: {len(counted)} channels have no times, their rows count as seconds: {shown}"
+    return [told] if counted else []
 
 
 def _without_values(path: Path, names: list[str]) -> list[str]:

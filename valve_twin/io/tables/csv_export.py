@@ -242,7 +242,7 @@ def write_table(table: Table, path: Path) -> None:
 def _write_csv(table: Table, path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
-        writer.writerow(table.columns)
+        writer.writerow([no_formula(name) for name in table.columns])
         for row in zip(*table.columns.values(), strict=True):
             writer.writerow([_csv_cell(cell) for cell in row])
 

@@ -10,6 +10,7 @@ locks and frames of the other: they write over each other. All that it says foll
 from __future__ import annotations
 
 import os
+import sys
 from contextlib import contextmanager, nullcontext, suppress
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -38,6 +39,11 @@ _NONE = -1, -1
 
 _SHARED, _SHARED_B = 0x40000002, 510
 """Where SQLite locks a database that it has open [B]."""
+
+
+def _is_watched() -> bool:
+    """Return whether this system has the locks to mend an index; elsewhere none is written."""
+    return sys.platform == "linux"
 
 
 class State(Enum):
@@ -72,6 +78,8 @@ class IndexWatch:
         To be called while SQLite has it open: before, it may end with whoever made it. Where the
         one in use was deleted since, it is lost, whatever is there.
         """
+        if not _is_watched():
+            return
         if self._identity is None and os.path.exists(self._log):
             with suppress(OSError):
                 status = os.stat(self._path)
@@ -111,6 +119,8 @@ class IndexWatch:
         OSError
             As `restore`.
         """
+        if not _is_watched():
+            return
         with suppress(FileNotFoundError):
             if os.stat(self._path).st_size < self._least_b():
                 index = read_index(self._log)
