@@ -10,7 +10,6 @@ that a `Rows` that was taken stays as it is while more come.
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass, field, replace
-from math import isfinite
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -18,7 +17,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.diagnosis.generic.motion import numbers_of
-from valve_twin.core.estimation.data.robust import NORMAL_975
+from valve_twin.core.past.block import spread_of
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import EstimateStatus, Guard, ParameterStatus
 
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from valve_twin.core.diagnosis.changes.finding import Finding
+    from valve_twin.core.past.block import Block
     from valve_twin.core.types import (
         BoolArray,
         Estimate,
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 _FIRST = 64  # rows that a new table has room for
 _ABSENT = -1  # status of a parameter that an estimate does not hold
 
+_OF_PARAMETER = ("value", "status", "spread")
 _Writing: TypeAlias = "list[NDArray[Any]]"
 
 
@@ -270,7 +271,7 @@ class Table:
             named = estimate.parameters[: -len(numbers)]
             estimate = replace(estimate, parameters=named)
         for p, (value, status, spread) in self._places(estimate):
-            value[row], status[row], spread[row] = p.value, p.status, _spread(p)
+            value[row], status[row], spread[row] = p.value, p.status, spread_of(p)
         for c in reversed(estimate.conditions):
             self._column("condition", c.name)[row] = c.value
         if estimate.status is EstimateStatus.REFUSED:
@@ -280,6 +281,26 @@ class Table:
             self._failed[self.added] = failed
         self._models.setdefault(estimate.model)
         self._size, self.added = row + 1, self.added + 1
+
+    def extend(self, block: Block) -> None:
+        """Add many estimates; the columns are those that `add` makes of them one by one."""
+        while self._room - self._size < len(block):
+            self._grow()
+        new = slice(self._size, self._size + len(block))
+        for key, values in block.fixed.items():
+            self._columns[key][new] = values
+        self._columns["int", "key"][new] = self.added + np.arange(len(block))
+        spreads = block.spreads
+        for k, name in enumerate(block.names):
+            value, status, spread = (self._column(kind, name) for kind in _OF_PARAMETER)
+            value[new], status[new] = block.numbers[:, k, 0], block.states[:, k]
+            spread[new] = spreads[:, k]
+        for k, name in reversed(list(enumerate(block.conditions))):
+            self._column("condition", name)[new] = block.under[:, k]
+        self._reasons |= {self.added + k: reason for k, reason in block.reasons.items()}
+        self._failed |= {self.added + k: found for k, found in block.failed.items()}
+        self._models.setdefault(block.model)
+        self._size, self.added = new.stop, self.added + len(block)
 
     def keep(self, index: IntArray) -> None:
         """Let go of all rows but some, (M,) rising."""
@@ -362,8 +383,9 @@ class Table:
         names = tuple(p.name for p in estimate.parameters)
         found = self._known.get(names)
         if found is None:
-            kinds = ("value", "status", "spread")
-            found = self._known[names] = [[self._column(k, n) for k in kinds] for n in names]
+            found = self._known[names] = [
+                [self._column(k, n) for k in _OF_PARAMETER] for n in names
+            ]
         if len(set(names)) < len(names):
             return zip(reversed(estimate.parameters), reversed(found), strict=True)
         return zip(estimate.parameters, found, strict=True)
@@ -401,13 +423,6 @@ def past_of(history: Iterable[Estimate] | Past) -> Past:
         if estimate.reason_code == RefusalCode.IMPLAUSIBLE:
             apart.append(estimate.cycle)
     return Past(trend.rows(), features.rows(), tuple(sorted(set(apart))))
-
-
-def _spread(p: ParameterValue) -> float:
-    half = 0.5 * (p.upper_95 - p.lower_95) / NORMAL_975
-    if not (isfinite(half) and isfinite(p.standard_error)):
-        return np.nan
-    return float(max(half**2 - p.standard_error**2, 0.0))
 
 
 _FILL: dict[str, tuple[float, type]] = {

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from valve_twin.core.past.block import Block
     from valve_twin.core.types import BoolArray, Estimate, Maintenance
 
 RECENT = 8192
@@ -91,6 +92,26 @@ class AgingState:
             self._features.add(estimate)
             if len(self._features) >= self._look_at:
                 self._settle()
+
+    def extend(self, block: Block) -> None:
+        """Add many estimates of one estimator as `add` does, to the same bits.
+
+        What is let go of on the way is let go of behind the same estimate. Of features the trend
+        has to be there first.
+        """
+        self._taken, at = None, 0
+        while at < len(block):
+            if block.is_trend:
+                room = 2 * self._recent - (len(self._trend) - self._old)
+                self._trend.extend(block.part(at, at + room))
+                if room <= len(block) - at:
+                    self._thin()
+            else:
+                room = self._look_at - len(self._features)
+                self._features.extend(block.part(at, at + room))
+                if room <= len(block) - at:
+                    self._settle()
+            at += room
 
     def past(self) -> Past:
         """Return what is known now; it stays as it is when more comes."""

@@ -18,7 +18,7 @@ from dataclasses import fields as dataclass_fields
 from enum import IntEnum
 from functools import lru_cache
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 from sqlalchemy import (
@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.records import Column as RecordColumn
     from valve_twin.core.records import Field
+    from valve_twin.core.types import Guard
 
 SCHEMA_VERSION = "0011"
 """Revision of the schema of this code: the newest file in `migrations/versions`."""
@@ -129,7 +130,8 @@ def _to_json(x: Any) -> Any:  # noqa: ANN401  a number, a word or a truth value
     return str(x) if isinstance(x, float) and not math.isfinite(x) else x
 
 
-def _from_json(x: float | str) -> float:
+def number_of(x: float | str) -> float:
+    """Return a number from how it stands in a text."""
     # numpy's one NaN object: == between dataclasses holds as it does between fresh ones
     return np.nan if x == "nan" else float(x)
 
@@ -370,8 +372,8 @@ def _encode_parameters(parameters: Sequence[ParameterValue]) -> str:
 def _decode_parameters(text: str) -> tuple[ParameterValue, ...]:
     data = json.loads(text)
     values = data["values"]
-    if any(word in text for word in _NOT_FINITE):
-        values = [[_from_json(x) for x in row] for row in values]
+    if any(word in text for word in NOT_FINITE):
+        values = [[number_of(x) for x in row] for row in values]
     return tuple(
         ParameterValue(name, v, _STATUS[status], reason, *rest)
         for name, status, reason, (v, *rest) in zip(
@@ -380,8 +382,9 @@ def _decode_parameters(text: str) -> tuple[ParameterValue, ...]:
     )
 
 
-_NOT_FINITE = ('"nan"', '"inf"', '"-inf"')
-"""How numbers that are none stand in a text; in one without them all are what JSON says."""
+NOT_FINITE = {'"nan"': "NaN", '"inf"': "Infinity", '"-inf"': "-Infinity"}
+"""How numbers that are none stand in a text, and what Python's JSON reads as such; in a text
+without them all are what JSON says."""
 
 _STATUS = {int(status): status for status in ParameterStatus}
 
@@ -395,6 +398,11 @@ def _encode_findings(estimate: Estimate) -> str:
         n: [[_to_json(x) for x in _READ[n](v)] for v in values] for n, values in found.items()
     }
     return _ENCODER.encode({"trend": estimate.trend_reason, **texts})
+
+
+def decode_guards(rows: Sequence[Sequence[Any]]) -> tuple[Guard, ...]:
+    """Return the checks of an estimate from how they stand in `findings`."""
+    return cast("tuple[Guard, ...]", _decode_parts(_FOUND["guards"], rows))
 
 
 def _decode_findings(text: str) -> dict[str, Any]:
@@ -411,7 +419,7 @@ _NOTHING_FOUND: dict[str, Any] = {"trend_reason": "", **dict.fromkeys(_FOUND, ()
 def _decode_parts(field: Field, rows: Sequence[Sequence[Any]]) -> tuple[object, ...]:
     """Return the parts of one field; a row from before the last fields takes their defaults."""
     assert field.part is not None
-    kinds = [_from_json if c.kind is float else c.kind for c in field.columns]
+    kinds = [number_of if c.kind is float else c.kind for c in field.columns]
     return tuple(
         field.part(*(kind(x) for kind, x in zip(kinds, row, strict=False))) for row in rows
     )

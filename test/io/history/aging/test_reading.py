@@ -15,9 +15,9 @@ from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import EstimateStatus, Maintenance
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.io.history.aging import reading
+from valve_twin.io.history.aging.bulk import add_rows
 from valve_twin.io.history.fleet import describe_valve
 from valve_twin.io.history.store import CycleRecord, History
-from valve_twin.io.history.tables import row_estimate
 
 VALVE = "/v"
 CONFIG = AgingConfig(max_candidates=60)
@@ -47,13 +47,13 @@ def path(tmp_path):
 @pytest.fixture
 def read(monkeypatch):
     """Return a list that gets the cycle of each estimate that is read."""
-    cycles = []
+    cycles: list[int] = []
 
-    def counted(row):
-        cycles.append(row["cycle"])
-        return row_estimate(row)
+    def counted(state, rows):
+        cycles.extend(row["cycle"] for row in rows)
+        add_rows(state, rows)
 
-    monkeypatch.setattr(reading, "row_estimate", counted)
+    monkeypatch.setattr(reading, "add_rows", counted)
     return cycles
 
 

@@ -23,12 +23,12 @@ from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.past.stored import freeze
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.io.errors import StoreError
+from valve_twin.io.history.aging.bulk import add_rows
 from valve_twin.io.history.aging.file import Known, load, origin_of, pack, write
 from valve_twin.io.history.tables import (
     CHECK_SUM,
     ESTIMATE,
     MAINTENANCE,
-    row_estimate,
 )
 from valve_twin.io.history.tiers.reading import (
     LAST_PLACE,
@@ -39,9 +39,10 @@ from valve_twin.io.history.tiers.reading import (
 from valve_twin.io.history.valves.names import of_valve, own_key
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
     from valve_twin.core.aging.config import AgingConfig
+    from valve_twin.io.history.check_sums import Rows
     from valve_twin.io.history.store import History
 
 PAGE = 5000
@@ -89,13 +90,13 @@ def _read(history: History, valve: str, model: str, config: AgingConfig) -> Know
     if known.place.get("events", "") != _digest(history, valve, known.place["at"][0]):
         known = _begin(history, valve)
     known.state.maintenance = events
-    for row in _rows(history, valve, known.place["at"], newest):
-        known.state.add(row_estimate(row))
+    for rows in _pages(history, valve, known.place["at"], newest):
+        add_rows(known.state, rows)
         known.place |= {
-            "at": [row["cycle"], row["position"]],
-            "id": row["id"],
-            "sum": row[CHECK_SUM],
-            "rows": known.place["rows"] + 1,
+            "at": [rows[-1]["cycle"], rows[-1]["position"]],
+            "id": rows[-1]["id"],
+            "sum": rows[-1][CHECK_SUM],
+            "rows": known.place["rows"] + len(rows),
         }
     known.place["newest"] = newest
     known.place["events"] = _digest(history, valve, known.place["at"][0])
@@ -161,8 +162,8 @@ def _is_own(history: History) -> bool:
         return False
 
 
-def _rows(history: History, valve: str, at: list[int], newest: int) -> Iterator[Mapping[str, Any]]:
-    """Yield the rows that a verdict rests on behind a cycle and position, in their order."""
+def _pages(history: History, valve: str, at: list[int], newest: int) -> Iterator[Rows]:
+    """Yield pages of the rows that a verdict rests on behind a cycle and position, in order."""
     judged = sa.or_(
         ESTIMATE.c.used_by_trend == sa.true(),
         ESTIMATE.c.estimator == FEATURES,
@@ -182,7 +183,8 @@ def _rows(history: History, valve: str, at: list[int], newest: int) -> Iterator[
         )
         query = query.order_by(ESTIMATE.c.cycle, ESTIMATE.c.position).limit(PAGE)
         rows = history.sound(ESTIMATE, query, PAGE)
-        yield from rows
+        if rows:
+            yield rows
         if len(rows) < PAGE:
             return
         at = [rows[-1]["cycle"], rows[-1]["position"]]
