@@ -335,3 +335,33 @@ def test_a_link_of_an_mdf_channel_to_another_block_is_told(tmp_path, link):
     except BagError as err:
         told = str(err)
     assert "lead to other blocks" in told or "is no whole MDF file" in told
+
+
+def test_an_mdf_channel_without_bits_is_told(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    path = tmp_path / "a.mf4"
+    foreign.mdf(path)
+    with asammdf.MDF(path) as file:
+        at = file.groups[0].channels[1].address + 24 + 64 + 8
+    changed = bytearray(path.read_bytes())
+    assert int.from_bytes(changed[at : at + 4], "little") == 64
+    changed[at : at + 4] = bytes(4)
+    changed[at - 6] = 0  # of a floating-point number it is refused
+    path.write_bytes(changed)
+    (line,) = read_recording(path).notices
+    assert line.endswith("1 channels lack the values that their groups claim: setpoint")
+
+
+def test_an_mdf_group_that_claims_no_rows_is_told(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    path = tmp_path / "a.mf4"
+    foreign.mdf(path)
+    with asammdf.MDF(path) as file:
+        at = file.groups[0].channel_group.address + 24 + 48 + 8
+    changed = bytearray(path.read_bytes())
+    assert int.from_bytes(changed[at : at + 8], "little") == foreign.N
+    changed[at : at + 8] = bytes(8)
+    path.write_bytes(changed)
+    assert (
+        f"{path}: 1 channels have fewer than two values: setpoint" in read_recording(path).notices
+    )

@@ -35,6 +35,8 @@ _NO_VALUE = {
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?", re.ASCII)
 _LOOSE = re.compile(r"[-+]?[\d.,' ]*\d[\d.,' ]*([eEdD][-+]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
+POINTED = re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+", re.ASCII)
+"""A number whose points may divide thousands."""
 _SAMPLED = 400  # rows by which the table is found
 _NUMERIC = 0.9  # share of values in a column of numbers
 _ABOVE = 4  # rows above the data in which names and units are looked for
@@ -384,6 +386,8 @@ def _numbers(
     path: Path, lines: IntArray, name: str, cells: Sequence[str], *, comma: bool
 ) -> tuple[FloatArray, list[int]]:
     """Return the numbers of a column, and which cells hold something else."""
+    if comma:
+        _refuse_points(path, lines, name, cells)
     if not any("_" in c or "," in c for c in cells):
         try:
             values = np.array([c or "nan" for c in cells]).astype(np.float64)
@@ -421,9 +425,25 @@ def _refuse_doubt(path: Path, lines: IntArray, name: str, cells: Sequence[str]) 
     """Refuse commas before three digits where nothing in the file says what they are."""
     for at, cell in enumerate(cells):
         if "," in cell and cell.count(",") == 1 and "." not in cell:
-            msg = (
-                f"{path}:{lines[at]}: column '{name}': '{cell}': the comma may stand before "
-                "decimals or between thousands; export with a decimal point and nothing between "
-                "thousands"
-            )
-            raise BagError(msg)
+            raise _doubt(path, lines[at], name, cell, "comma")
+
+
+def _refuse_points(path: Path, lines: IntArray, name: str, cells: Sequence[str]) -> None:
+    """Refuse points of a file with decimal commas that nothing in the column tells apart.
+
+    Alone they may divide thousands; a number with point and comma contradicts decimal points.
+    """
+    commas = any("," in c for c in cells)
+    decimal = any("." in c and "," not in c and not POINTED.fullmatch(c) for c in cells)
+    for at, cell in enumerate(cells):
+        both = "," in cell and "." in cell
+        alone = "," not in cell and POINTED.fullmatch(cell)
+        if (both and decimal) or (alone and (commas or not decimal)):
+            raise _doubt(path, lines[at], name, cell, "point")
+
+
+def _doubt(path: Path, line: int, name: str, cell: str, sign: str) -> BagError:
+    return BagError(
+        f"{path}:{line}: column '{name}': '{cell}': the {sign} may stand before decimals or"
+        " between thousands; export with a decimal point and nothing between thousands"
+    )

@@ -43,6 +43,7 @@ _LEADS_TO = (
 """Blocks for the links of a channel: next, parts, name, source, conversion, data, unit, note."""
 
 _VIRTUAL = 3  # type of a channel that stands for the number of its row, as the master of a group
+_COUNTED = (_VIRTUAL, 6)  # and such as others are
 
 
 def read_mdf(path: Path) -> Recording:
@@ -72,14 +73,20 @@ def read_mdf(path: Path) -> Recording:
             check_count(path, len(places))
             notices = _unreached(path, sum(len(group.channels) for group in file.groups))
             notices += _timeless(path, file, sorted({g for g, _ in places}))
-            columns, empty = [], []
+            columns, empty, short = [], [], []
             for g, i in places:
                 signal = file.get(group=g, index=i)
-                if len(signal.samples) < 2 <= file.groups[g].channel_group.cycles_nr:
+                group = file.groups[g]
+                if len(signal.samples) < 2 <= group.channel_group.cycles_nr or _is_void(
+                    group.channels[i]
+                ):
                     empty.append(str(signal.name))
+                elif len(signal.samples) < 2:
+                    short.append(str(signal.name))
                 column = _column(signal, path, notices)
                 columns += [] if column is None else [column]
-            notices += _without_values(path, empty)
+            notices += _without_values(path, empty, "lack the values that their groups claim")
+            notices += _without_values(path, short, "have fewer than two values")
             start = file.header.start_time
             start_ns = round(start.timestamp() * 1e6) * 1000
     except BagError:
@@ -121,6 +128,11 @@ def _is_astray(whole: mmap, at: int) -> bool:
     )
 
 
+def _is_void(channel: Any) -> bool:  # noqa: ANN401  of asammdf
+    """Return whether a channel that is not counted has no bits in a record: all zeros are read."""
+    return not channel.bit_count and getattr(channel, "channel_type", 0) not in _COUNTED
+
+
 def _timeless(path: Path, file: Any, groups: list[int]) -> list[str]:  # noqa: ANN401  an MDF of asammdf
     """Say of which groups the times are the numbers of their rows, for want of others."""
     counted = []
@@ -134,11 +146,10 @@ def _timeless(path: Path, file: Any, groups: list[int]) -> list[str]:  # noqa: A
     return [told] if counted else []
 
 
-def _without_values(path: Path, names: list[str]) -> list[str]:
-    """Say which channels hold none of the values that their groups claim."""
+def _without_values(path: Path, names: list[str], why: str) -> list[str]:
+    """Say which channels hold no series."""
     shown = ", ".join(names[:6]) + (" ..." if len(names) > 6 else "")
-    told = f"{path}: {len(names)} channels lack the values that their groups claim: {shown}"
-    return [told] if names else []
+    return [f"{path}: {len(names)} channels {why}: {shown}"] if names else []
 
 
 def _close_quietly() -> None:

@@ -161,6 +161,39 @@ def test_commas_with_two_readings_are_refused_with_their_line(tmp_path):
         recorded(tmp_path / "a.csv", text)
 
 
+@pytest.mark.parametrize("count", [60, 9000])  # the latter is read by blocks
+@pytest.mark.parametrize("cell", ["1.234", "12.345.678", "1.234,5"])
+def test_points_with_two_readings_are_refused_with_their_line(tmp_path, count, cell):
+    lines = [f"{i // 20},{i % 20 * 5:02d};{i % 7},5;{i % 4}.25" for i in range(count)]
+    at = count - 20
+    parts = lines[at].split(";")
+    column, place = ("x", 1) if "," not in cell else ("y", 2)
+    parts[place] = cell
+    lines[at] = ";".join(parts)
+    text = "t_s;x;y\n" + "\n".join(lines) + "\n"
+    said = rf"a.csv:{at + 2}: column '{column}': '{cell}': the point may stand"
+    with pytest.raises(BagError, match=said):
+        recorded(tmp_path / "a.csv", text)
+
+
+@pytest.mark.parametrize("count", [60, 9000])
+def test_one_decimal_comma_among_decimal_points_is_refused(tmp_path, count):
+    lines = [f"{0.05 * i:.2f},{i % 7}.5" for i in range(count)]
+    lines[count - 100 if count > 100 else 40] = '4000.00,"1.234,5"'
+    with pytest.raises(BagError, match=r"column 'x': '1.234,5': the point may stand"):
+        recorded(tmp_path / "a.csv", "t_s,x\n" + "\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("count", [60, 9000])
+def test_points_that_can_only_be_decimal_are_read_beside_decimal_commas(tmp_path, count):
+    text = "t_s;x;y\n" + "".join(
+        f"{i // 20},{i % 20 * 5:02d};{i % 7},5;{1 + i % 4}.{250 * (i % 4):03d}0\n"
+        for i in range(count)
+    )
+    found = recorded(tmp_path / "a.csv", text)
+    np.testing.assert_allclose(values(found, "y"), 1.0 + 1.25 * (np.arange(count) % 4))
+
+
 def test_a_sign_of_inches_is_no_quote(tmp_path):
     text = "t_s,note,x\n" + rows(lambda i: f'{0.1 * i:.1f},5" pipe,{i % 4}')
     found = recorded(tmp_path / "a.csv", text)

@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 import io
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.io.instruments.cells import Block, Told, without_infinite
+from valve_twin.io.instruments.cells import POINTED, Block, Told, without_infinite
 from valve_twin.io.instruments.dates import LONGEST, is_date
 
 if TYPE_CHECKING:
@@ -32,6 +33,12 @@ _TAIL = 60
 
 BLOCK = 1 << 22
 """Bytes that are read at once [B]."""
+
+_POINTED = re.compile(rb"(?<![\w.,:+-])" + POINTED.pattern.encode() + rb"(?![\w.,:])", re.ASCII)
+"""A cell whose points may divide thousands."""
+
+_QUOTED = re.compile(rb'"(?![-+]?[1-9]\d{0,2},\d{3}")[-+]?[\d.]*,\d+(?:[eEdD][-+]?\d+)?"')
+"""A cell whose comma stands before decimals."""
 
 _OTHER_BREAKS = (b"\x0b", b"\x0c", b"\x1c", b"\x1d", b"\x1e", b"\x00")
 """What Python takes for the end of a line, too, and what no text holds."""
@@ -85,7 +92,11 @@ class Body:
             Whether they stand before decimals.
         """
         if not comma:
-            return mark == "," or self.data.find(b",", self.start) < 0
+            if mark == ",":
+                return not _QUOTED.search(self.data)
+            return self.data.find(b",", self.start) < 0
+        if _POINTED.search(self.data):
+            return False
         dates = (c[i] for _, c in some for i in layout.dated if i < len(c))
         return mark != "," and all(is_date(d.replace(",", ".")) for d in dates if d.strip())
 
