@@ -146,9 +146,13 @@ def reference_of(presses: Family, setup: Setup) -> FeatureReference:
     """
     model = get_model(MODEL)
     shown = [(k, estimated(s, setup)) for k, s in enumerate(presses.sisters, 1)]
-    seen = [_seen(f"/press/v{k}", each) for k, each in shown]
+    found = [_seen(f"/press/v{k}", each) for k, each in shown]
+    seen = [s for s in found if s is not None]
+    if not seen:
+        msg = "no sister has features"
+        raise ValueError(msg)
     return make_reference(
-        [s for s in seen if s is not None],
+        seen,
         name="sisters.reference",
         model=model.name,
         features=model.feature_set.names,
