@@ -23,7 +23,7 @@ from valve_twin.io.history.fleet import (
     ranked,
 )
 from valve_twin.io.history.store import DamagedValueError, History
-from valve_twin.io.history.valves.names import DAMAGED_NAME, damaged_keys
+from valve_twin.io.history.valves.names import DAMAGED_NAME
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -342,11 +342,8 @@ class Plant:
         known: dict[str, tuple[Mark, ValveState]] = {}
         try:
             history = self._opened()
-            marks = history.marks()
-            nameless = [
-                FleetRow(f"{DAMAGED_NAME}{key}", evidence=DAMAGED)
-                for key in damaged_keys(history.select)
-            ]
+            marks, damaged = history.marks()
+            nameless = [FleetRow(f"{DAMAGED_NAME}{key}", evidence=DAMAGED) for key in damaged]
             known.update((n, self._states[n]) for n in marks if n in self._states)
             if not self._view.whole:
                 self._begun = _FirstReading(history.where, marks, known, self._nameplates)

@@ -165,9 +165,9 @@ class TestWithdrawnEvents:
 
     def test_who_looks_again_and_again_sees_that_something_changed(self, history):
         history.add_maintenance(VALVE, self.SEAL)
-        before = history.marks()[VALVE]
+        before = history.marks().valves[VALVE]
         history.withdraw_maintenance(VALVE, 10, "the other valve was meant")
-        assert history.marks()[VALVE] != before
+        assert history.marks().valves[VALVE] != before
 
     def test_the_sums_of_events_from_before_withdrawals_hold(self, history, tmp_path):
         history.add_maintenance(VALVE, self.SEAL)

@@ -47,7 +47,7 @@ from valve_twin.io.history.tables import (
     row_estimate,
     to_row,
 )
-from valve_twin.io.history.valves.marks import Mark, read_marks
+from valve_twin.io.history.valves.marks import Marks, read_marks
 from valve_twin.io.history.valves.names import key_of, of_valve, own_key, sound_names
 
 if TYPE_CHECKING:
@@ -277,7 +277,7 @@ class History:
         with self._database.read() as connection:
             return list(sound_names(connection, self.where).values())
 
-    def marks(self) -> dict[str, Mark]:
+    def marks(self) -> Marks:
         """Return by valve what changes whenever something of it was stored, without reading it."""
         with self._database.read() as connection:
             return read_marks(connection, self.where)

@@ -42,7 +42,7 @@ def test_no_byte_turns_one_valve_into_another(file, tmp_path, capsys, caplog):
     assert "table valve, row 1: " in caplog.text
     with History(file) as history:
         assert history.valves() == []
-        assert history.marks() == {}
+        assert history.marks() == ({}, [1])
         assert [c.cycle for c in history.cycles(VALVE)] == list(range(1, CYCLES + 1))
         assert history.store(VALVE, CycleRecord(CYCLES + 1, 0, CYCLES + 1, 850))
         with pytest.raises(StoreError, match="stands where another valve stood"):

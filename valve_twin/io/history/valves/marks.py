@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import sqlalchemy as sa
 
 from valve_twin.io.history.tables import CYCLE, EVENT, MAINTENANCE, VALVE
-from valve_twin.io.history.valves.names import sound_names
+from valve_twin.io.history.valves.names import told_names
 
 if TYPE_CHECKING:
     from sqlalchemy.engine import Connection
@@ -27,8 +27,15 @@ class Mark(NamedTuple):
     entry: int = 0
 
 
-def read_marks(connection: Connection, where: str) -> dict[str, Mark]:
-    """Return the mark of every valve, sorted by name: a look at ends of indexes and at events.
+class Marks(NamedTuple):
+    """The marks of all valves by name, sorted, and the keys of those whose names are damaged."""
+
+    valves: dict[str, Mark]
+    nameless: list[int]
+
+
+def read_marks(connection: Connection, where: str) -> Marks:
+    """Return the mark of every valve: a look at ends of indexes and at events.
 
     Parameters
     ----------
@@ -52,4 +59,5 @@ def read_marks(connection: Connection, where: str) -> dict[str, Mark]:
     )
     rows = connection.execute(sa.select(VALVE.c.id, withdrawn, *last))
     found = {row[0]: Mark(row[2] or 0, row[3] or 0, int(row[1]), row[4] or 0) for row in rows}
-    return {name: found[key] for key, name in sound_names(connection, where).items()}
+    names, damaged = told_names(connection, where)
+    return Marks({name: found[key] for key, name in names.items()}, list(damaged))

@@ -20,8 +20,6 @@ from valve_twin.io.errors import StoreError
 from valve_twin.io.history.tables import CHECK_SUM, VALVE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-
     from sqlalchemy.engine import Connection
 
 _LOGGER = logging.getLogger("valve_twin")
@@ -128,23 +126,15 @@ def sound_names(connection: Connection, where: str) -> dict[int, str]:
     where : str
         The database, for messages.
     """
+    return told_names(connection, where)[0]
+
+
+def told_names(connection: Connection, where: str) -> tuple[dict[int, str], dict[int, str]]:
+    """Return what `read_names` does, and say which names are damaged; arguments as there."""
     names, damaged = read_names(connection, where)
     for line in damaged.values():
         tell_once(line)
-    return names
-
-
-def damaged_keys(
-    select: Callable[[sa.Select[Any]], Iterable[Mapping[str, Any]]],
-) -> list[int]:
-    """Return the keys of the valves whose names are damaged; all else says nothing of them.
-
-    Parameters
-    ----------
-    select : callable
-        Returns the rows of a query, as `History.select`.
-    """
-    return [row["id"] for row in select(_ROWS) if not _is_sound(*row.values())]
+    return names, damaged
 
 
 def _is_sound(key: int, name: str, sum_: int) -> bool:
