@@ -57,7 +57,11 @@ class _Order:
 
 
 class WorkerProcess:
-    """Process that runs module-level functions in order; restarted when it dies, job repeated."""
+    """Process that runs module-level functions in order; restarted when it dies, job repeated.
+
+    Not an executor of `concurrent.futures` (tried on 3.11): its process outlives a twin that is
+    killed (python/cpython#111873), and one that dies fails all jobs, to be kept here all the same.
+    """
 
     def __init__(self, warm_up: Work | None = None) -> None:
         self._orders: queue.SimpleQueue[_Order | None] = queue.SimpleQueue()
