@@ -215,6 +215,12 @@ def test_beside_a_history_of_somebody_else_nothing_is_left(path, read, monkeypat
     assert len(read) == 150
 
 
+def test_where_no_file_tells_its_user_nothing_is_left(path, read, monkeypatch):
+    monkeypatch.delattr("os.geteuid")
+    assert said(path)
+    assert not list(path.parent.glob("*aging*"))
+
+
 def test_what_cannot_be_kept_is_read_anew_without_a_word(path, read, recwarn):
     history_only = said(path)
     (kept,) = path.parent.glob("*-aging*")

@@ -155,7 +155,12 @@ def keep_known(
 
 
 def _is_own(history: History) -> bool:
-    """Return whether the file of a SQLite history belongs to the user of this process."""
+    """Return whether the file of a SQLite history belongs to the user of this process.
+
+    Windows does not tell: nothing is left beside a history that is only read there.
+    """
+    if not hasattr(os, "geteuid"):
+        return False
     try:
         return Path(history.where).stat().st_uid == os.geteuid()
     except OSError:
