@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """The first cycles of a valve against a stored reference."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -192,3 +194,11 @@ def test_a_first_model_unlike_the_others_is_named_by_its_parameter():
     )
     assert departs_by(reference, {"reference.gain": 1.01}, "")[1] == ""
     assert departs_by(reference, {"reference.gain": 2.0}, "")[1] == "gain"
+
+
+def test_a_count_of_the_first_model_that_all_others_share_tells_nothing():
+    """An order of zero in all sisters, one in this valve: any difference would be beyond all."""
+    rng = np.random.default_rng(73512)
+    for count in (0.0, 2.0):
+        reference = replace(stored(rng, 3), models=(("reference.memory", (count,) * 3),))
+        assert departs_by(reference, {"reference.memory": count + 1.0}, "")[1] == ""

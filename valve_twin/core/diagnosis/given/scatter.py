@@ -87,8 +87,6 @@ def scatter_of(reference: FeatureReference, table: SignatureTable, valve: str = 
     valve : str
         Name of the valve that is held against it.
     """
-    from scipy.special import stdtrit  # slow to import
-
     off = reference.offsets()
     shown = np.isfinite(off).any(axis=0)
     floor, quiet = np.array(table.floor), np.sqrt(np.diag(table.covariance))
@@ -105,9 +103,16 @@ def scatter_of(reference: FeatureReference, table: SignatureTable, valve: str = 
         freedom = max(reference.cycles / _BLOCK, _PRIOR)
         between = freedom * np.diag(np.diag(within) / MOST[1] + reference.moved() ** 2 / 3.0)
     between = (1.0 + 1.0 / valves) * between / freedom
-    wider = float(stdtrit(freedom, 1.0 - _CHANCE) / stdtrit(1e6, 1.0 - _CHANCE))
     strays = np.diag(np.square(reference.strays))
-    return Scatter(within, wider**2 * between, _first(freedom) ** 2 * between, strays, ~never)
+    first = _first(freedom) ** 2 * between
+    return Scatter(within, _wider(freedom) ** 2 * between, first, strays, ~never)
+
+
+def _wider(freedom: float) -> float:
+    """Return how much wider few valves count than many [1]."""
+    from scipy.special import stdtrit  # slow to import
+
+    return float(stdtrit(freedom, 1.0 - _CHANCE) / stdtrit(1e6, 1.0 - _CHANCE))
 
 
 def _first(freedom: float) -> float:
@@ -171,12 +176,13 @@ def departs_by(
         known = np.array([v for v in values if np.isfinite(v)])
         if not len(known) or name not in own or reference.valves == (valve,):
             continue
+        if np.ptp(known) == 0.0 and (len(known) > 1 or known[0] == 0.0):
+            continue  # a count or a bound: no scatter tells how far is far
         freedom = len(known) - 1 + _PRIOR
         least = _MODEL * abs(float(known.mean()))
         square = float(np.sum((known - known.mean()) ** 2)) + _PRIOR * least**2
         deviation = np.sqrt(square / freedom * (1.0 + 1.0 / len(known)))
-        wide = max(float(deviation) * _first(freedom), 1e-300)
-        far = abs(own[name] - float(known.mean())) / wide
+        far = abs(own[name] - float(known.mean())) / float(deviation * _wider(freedom))
         if far > max(SHOWN, largest):
             largest, where = float(far), name.removeprefix(PREFIX)
     return largest, where
