@@ -269,6 +269,22 @@ def test_what_is_damaged_on_disk_is_told_at_the_end_too(bench):
     assert [line for line in one.lines if line.startswith("/a: cycle 2 is not stored")]
 
 
+def test_a_cycle_is_on_disk_before_it_is_told_as_not_stored(bench):
+    one = bench(50)
+    one.server.is_away = True
+    told = []
+
+    def tell(queued, is_stored):
+        told.append((queued.record.cycle, is_stored, queued.file in one.files))
+
+    one.queues["/a"].publish = tell
+    for _ in range(3):
+        one.add("/a")
+    one.step()
+    one.add("/a")  # after the first refusal
+    assert told == [(cycle, False, True) for cycle in (1, 2, 3, 4)]
+
+
 def test_cycles_are_flushed_all_at_once_and_counted_then_only(bench):
     one = bench(50)
     one.server.is_away = True

@@ -220,8 +220,8 @@ class HistoryWriter:
         """Store a cycle after all earlier ones."""
         self._waiting.append(queued)
         if self.error:
-            self._publish_unstored(queued)
             self._keep(queued)
+            self._publish_unstored(queued)
         self._drop_excess()
         self._next()
 
@@ -353,9 +353,9 @@ class HistoryWriter:
             self._node.get_logger().error(f"not stored, kept and tried again: {error}")
         self.error = error
         has_room = True
-        for queued in self._waiting:
-            self._publish_unstored(queued)
+        for queued in self._waiting:  # on disk before it is told: whoever hears of it may end us
             has_room = has_room and (self.unsaved is None or self._keep(queued))
+            self._publish_unstored(queued)
         self._timer = self._node.create_timer(self._retry_s, self._retry, clock=STEADY)
 
     def _retry(self) -> None:
