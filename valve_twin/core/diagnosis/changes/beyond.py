@@ -66,11 +66,10 @@ def first_beyond(
     """
     if not config.beyond:
         return None
-    quiet = np.maximum(np.array(table.floor), np.sqrt(np.diag(np.array(table.covariance))))
     chance = max(config.alone, 1e-12)
     rule = (config.beyond * _FACTORS, config.window, chance)
     rows = np.ascontiguousarray(vectors)
-    row, number = _first(rows, _QUIET * quiet, max(begin, 0), *rule)
+    row, number = _first(rows, _least_of(table), max(begin, 0), *rule)
     return (row, row - number + 1) if row >= 0 else None
 
 
@@ -97,10 +96,9 @@ def nearer_before(
     since = max(first - config.window, 0)
     if not config.beyond or first - since < _LEAST:
         return None
-    quiet = np.maximum(np.array(table.floor), np.sqrt(np.diag(np.array(table.covariance))))
     rows, changed, back = np.arange(len(vectors)), 0, np.zeros(len(vectors))
     columns = np.ascontiguousarray(vectors.T)
-    for column, least in zip(columns, _QUIET * quiet, strict=True):
+    for column, least in zip(columns, _least_of(table), strict=True):
         place = since + np.flatnonzero(np.isfinite(column[since:first]))
         if len(place) < max(_LEAST - 1, _KNOWN * (first - since)):
             continue
@@ -113,6 +111,12 @@ def nearer_before(
             half = 0.5 * abs(float(np.median(off[first : alarm + 1])))
             back += ~(np.abs(off) >= half)  # what is not shown says nothing
     return np.asarray(back > 0.5 * changed, dtype=np.bool_) if changed else None
+
+
+def _least_of(table: SignatureTable) -> FloatArray:
+    """Return the least that counts as the farthest before, (F,) [unit by feature]."""
+    quiet = np.sqrt(np.diag(np.array(table.covariance)))
+    return np.asarray(_QUIET * np.maximum(np.array(table.floor), quiet))
 
 
 @njit(cache=True)
