@@ -365,3 +365,44 @@ def test_an_mdf_group_that_claims_no_rows_is_told(tmp_path):
     assert (
         f"{path}: 1 channels have fewer than two values: setpoint" in read_recording(path).notices
     )
+
+
+@pytest.mark.parametrize("kind", ["words", "large", "mat", "tdms"])
+def test_values_over_the_range_are_counted_and_told(tmp_path, kind):
+    time_s, values = np.arange(3000) * 0.01, np.sin(np.arange(3000) * 0.01)
+    over = values.copy()
+    over[[4, 17, 2000]] = np.inf, -np.inf, np.inf
+    path = tmp_path / "over.csv"
+    if kind == "mat":
+        path = tmp_path / "over.mat"
+        scipy.io.savemat(path, {"t": time_s, "p": over, "x": values})
+    elif kind == "tdms":
+        nptdms = pytest.importorskip("nptdms")
+        path = tmp_path / "over.tdms"
+        wave = {"wf_increment": 0.01, "wf_start_offset": 0.0}
+        channels = [
+            nptdms.ChannelObject("g", name, data, properties=wave)
+            for name, data in (("p", over), ("x", values))
+        ]
+        with nptdms.TdmsWriter(path) as writer:
+            writer.write_segment(channels)
+    else:
+        repeats = 1 if kind == "words" else 20  # 20: read block by block
+        time_s = np.arange(3000 * repeats) * 0.01
+        over = np.concatenate([over, *[values] * (repeats - 1)])
+        values = np.tile(values, repeats)
+        word = {np.inf: "OVL" if kind == "words" else "inf", -np.inf: "-inf"}
+        rows = [
+            f"{t:.2f},{word.get(p, repr(float(p)))},{x!r}"
+            for t, p, x in zip(time_s, over, values.tolist(), strict=True)
+        ]
+        path.write_text("t,p,x\n" + "\n".join(rows) + "\n")
+    found = read_recording(path)
+    p, x = found.columns
+    np.testing.assert_array_equal(p.values, np.where(np.isinf(over), np.nan, over))
+    np.testing.assert_array_equal(x.values, values)
+    told = [line for line in found.notices if "over the range" in line]
+    assert told == [
+        f"{path}: column 'p': 3 values are over the range (infinite), "
+        f"the first is value 5 of {len(over)}; read as no value"
+    ]

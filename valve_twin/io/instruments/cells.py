@@ -30,8 +30,11 @@ Rows: TypeAlias = "Sequence[tuple[int, Sequence[str]]]"
 
 _NO_VALUE = {
     *("nan", "null", "none", "n/a", "na", "-", "--", "---", "bad", "#n/a", "#nv", "#value!"),
-    *("#wert!", "ovl", "overrange", "over", "inf", "-inf"),
+    "#wert!",
 }
+_OVER = {"ovl", "overrange", "over", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"}
+"""What instruments write for a value over their range."""
+
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?", re.ASCII)
 _LOOSE = re.compile(r"[-+]?[\d.,' ]*\d[\d.,' ]*([eEdD][-+]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
@@ -45,7 +48,10 @@ _NAMED = 0.6  # share of the columns that a row of names fills
 
 @dataclass(frozen=True, slots=True)
 class RawColumn:
-    """One column: name, unit, values (N,) [unit], NaN = none; dated = seconds since 1970 [s]."""
+    """One column: name, unit, values (N,) [unit]; dated = seconds since 1970 [s].
+
+    NaN = no value, infinite = over the range of the instrument.
+    """
 
     name: str
     unit: str
@@ -369,7 +375,7 @@ def _header(rows: Rows, first: int, width: int) -> tuple[list[str], list[str], i
 
 def _is_value(cell: str) -> bool:
     text = cell.strip()
-    if _LOOSE.fullmatch(text) or text.lower() in _NO_VALUE:
+    if _LOOSE.fullmatch(text) or text.lower() in _NO_VALUE or text.lower() in _OVER:
         return True
     return len(text) > 5 and is_date(text)
 
@@ -394,7 +400,7 @@ def _numbers(
         except ValueError:
             pass
         else:
-            return without_infinite(values), []
+            return values, []
     if not comma:
         _refuse_doubt(path, lines, name, cells)
     values = np.full(len(cells), math.nan)
@@ -403,15 +409,11 @@ def _numbers(
         text = _plain(cell, comma=comma)
         if text and _NUMBER.fullmatch(text):
             values[at] = float(text.lower().replace("d", "e"))
+        elif cell.lower() in _OVER:
+            values[at] = math.inf
         elif cell and cell.lower() not in _NO_VALUE:
             bad.append(at)
-    return without_infinite(values), bad
-
-
-def without_infinite(values: FloatArray) -> FloatArray:
-    """Return values (N,) where what was over the range is NaN; what is given is changed."""
-    values[np.isinf(values)] = math.nan
-    return values
+    return values, bad
 
 
 def _plain(cell: str, *, comma: bool) -> str:

@@ -15,7 +15,7 @@ from valve_twin.io.apart import run_apart
 from valve_twin.io.errors import BagError
 from valve_twin.io.instruments.clock import ClockChoice, with_clock
 from valve_twin.io.instruments.derived import resampled
-from valve_twin.io.instruments.table import load_package
+from valve_twin.io.instruments.table import load_package, without_infinite
 from valve_twin.io.limits import TOO_MUCH, bounded_memory
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def _read(path: Path, kind: str, choice: ClockChoice) -> Recording:
     """Read a file of a known kind, with what its reader says of it."""
     try:
         with _what_is_said() as said, bounded_memory() if kind in _PACKAGES else nullcontext():
-            found = _native(path, kind, choice) or with_clock(_sheet(path, kind), choice)
+            found = _own_times(path, kind, choice) or with_clock(_sheet(path, kind), choice)
     except (BagError, MemoryError) as err:
         memory = isinstance(err.__cause__ or err, MemoryError)
         msg = f"{path}: {TOO_MUCH}" if memory else _one_line(str(err))
@@ -197,6 +197,14 @@ def _native(path: Path, kind: str, choice: ClockChoice) -> Recording | None:
     return None
 
 
+def _own_times(path: Path, kind: str, choice: ClockChoice) -> Recording | None:
+    found = _native(path, kind, choice)
+    if found is None:
+        return None
+    columns, told = without_infinite(path, found.columns)
+    return replace(found, columns=tuple(columns), notices=(*found.notices, *told))
+
+
 def _sheet(path: Path, kind: str) -> Sheet:
     from valve_twin.io.instruments import excel, mat, parquet
     from valve_twin.io.instruments.text.table import read_text_table
@@ -208,4 +216,6 @@ def _sheet(path: Path, kind: str) -> Sheet:
         "parquet": parquet.read_parquet,
         "text": read_text_table,
     }
-    return readers[kind](path)
+    sheet = readers[kind](path)
+    columns, told = without_infinite(path, sheet.columns)
+    return replace(sheet, columns=columns, notices=[*sheet.notices, *told])

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.io.instruments.cells import POINTED, Block, Told, without_infinite
+from valve_twin.io.instruments.cells import POINTED, Block, Told
 from valve_twin.io.instruments.dates import LONGEST, is_date
 
 if TYPE_CHECKING:
@@ -158,5 +158,5 @@ def read_fast(block: bytes, mark: str, layout: Layout, line: int, *, comma: bool
             longest = max(int(np.char.str_len(cells).max()), 1)
             columns[i] = cells.astype(f"S{longest}")
         else:
-            columns[i] = without_infinite(values.copy())
+            columns[i] = values.copy()
     return Block(np.arange(line, line + len(found)), columns, Told())
