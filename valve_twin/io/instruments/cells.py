@@ -48,10 +48,7 @@ _NAMED = 0.6  # share of the columns that a row of names fills
 
 @dataclass(frozen=True, slots=True)
 class RawColumn:
-    """One column: name, unit, values (N,) [unit]; dated = seconds since 1970 [s].
-
-    NaN = no value, infinite = over the range of the instrument.
-    """
+    """One column: name, unit, values (N,) [unit], NaN = none; dated = seconds since 1970 [s]."""
 
     name: str
     unit: str

@@ -9,21 +9,25 @@ import warnings
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
 
 from valve_twin.io.apart import run_apart
 from valve_twin.io.errors import BagError
 from valve_twin.io.instruments.clock import ClockChoice, with_clock
 from valve_twin.io.instruments.derived import resampled
-from valve_twin.io.instruments.table import load_package, without_infinite
+from valve_twin.io.instruments.table import load_package
 from valve_twin.io.limits import TOO_MUCH, bounded_memory
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
 
-    from valve_twin.io.instruments.cells import Sheet
-    from valve_twin.io.instruments.table import Recording
+    from valve_twin.io.instruments.cells import RawColumn, Sheet
+    from valve_twin.io.instruments.table import Column, Recording
+
+    _Channel = TypeVar("_Channel", Column, RawColumn)
 
 SUFFIXES = (
     *(".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".xlsx", ".xlsm", ".mat", ".h5", ".hdf5"),
@@ -201,7 +205,7 @@ def _own_times(path: Path, kind: str, choice: ClockChoice) -> Recording | None:
     found = _native(path, kind, choice)
     if found is None:
         return None
-    columns, told = without_infinite(path, found.columns)
+    columns, told = _without_infinite(path, found.columns)
     return replace(found, columns=tuple(columns), notices=(*found.notices, *told))
 
 
@@ -217,5 +221,24 @@ def _sheet(path: Path, kind: str) -> Sheet:
         "text": read_text_table,
     }
     sheet = readers[kind](path)
-    columns, told = without_infinite(path, sheet.columns)
+    columns, told = _without_infinite(path, sheet.columns)
     return replace(sheet, columns=columns, notices=[*sheet.notices, *told])
+
+
+def _without_infinite(
+    path: Path, columns: Iterable[_Channel]
+) -> tuple[list[_Channel], tuple[str, ...]]:
+    """Return columns in which infinite values are NaN, and a line for each that had some."""
+    made, told = [], []
+    for column in columns:
+        over = np.isinf(column.values)
+        count = int(np.count_nonzero(over))
+        if count:
+            some = "1 value is" if count == 1 else f"{count} values are"
+            told.append(
+                f"{path}: column '{column.name}': {some} over the range (infinite), the first is "
+                f"value {int(np.argmax(over)) + 1} of {len(over)}; read as no value"
+            )
+            column = replace(column, values=np.where(over, np.nan, column.values))  # noqa: PLW2901
+        made.append(column)
+    return made, tuple(told)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import importlib
 import re
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
-    from valve_twin.io.instruments.cells import RawColumn
-
-_Channel = TypeVar("_Channel", "Column", "RawColumn")
 
 MOST_COLUMNS = 2000
 """More columns than that are no channels of an instrument."""
@@ -84,33 +81,6 @@ class Recording:
     notices: tuple[str, ...] = ()
     time_column: str = ""
     time_scale: float = 1.0
-
-
-def without_infinite(
-    path: Path, columns: Iterable[_Channel]
-) -> tuple[list[_Channel], tuple[str, ...]]:
-    """Return columns in which what was over the range is NaN, and a line for each that had some.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for the lines.
-    columns : iterable of Column or RawColumn
-        Their arrays stay as they are.
-    """
-    made, told = [], []
-    for column in columns:
-        over = np.isinf(column.values)
-        count = int(np.count_nonzero(over))
-        if count:
-            some = "1 value is" if count == 1 else f"{count} values are"
-            told.append(
-                f"{path}: column '{column.name}': {some} over the range (infinite), the first is "
-                f"value {int(np.argmax(over)) + 1} of {len(over)}; read as no value"
-            )
-            column = replace(column, values=np.where(over, np.nan, column.values))  # noqa: PLW2901
-        made.append(column)
-    return made, tuple(told)
 
 
 def unique(columns: Iterable[Column]) -> tuple[Column, ...]:
