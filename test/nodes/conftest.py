@@ -5,9 +5,7 @@
 from __future__ import annotations
 
 import fcntl
-import functools
 import itertools
-import multiprocessing
 import os
 import re
 import signal
@@ -16,7 +14,6 @@ import sys
 import tempfile
 import time
 from contextlib import suppress
-from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +27,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from valve_twin.nodes.runtime import worker
+from test.nodes.forked import MODULE, ROOMS, Forked, mother, warm_worker
 from valve_twin.nodes.runtime.transport.dead_ports import remove_unborn
 from valve_twin.nodes.runtime.transport.profile import remove_profile_file, use_fast_heartbeat
 from valve_twin.nodes.twin.node import TwinNode
@@ -60,20 +57,6 @@ def release_domain(domain: int) -> None:
     os.close(_held.pop(domain))
 
 
-@functools.cache
-def warm_worker() -> None:
-    """Let hosted twins fork the process that estimates from one that is warm and has no threads.
-
-    A fresh interpreter takes 1 s of CPU until it estimates, a fork of this one 0.1 s. Twins that
-    are processes of their own begin with a fresh one, as everywhere.
-    """
-    worker.START_METHOD = "forkserver"
-    multiprocessing.set_forkserver_preload(["warmed"])
-    with pytest.MonkeyPatch.context() as patch:  # no path but this one reaches what is preloaded
-        patch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)
-        forkserver.ensure_running()
-
-
 NS = "/press/v1"
 QUIET = {"start_type_description_service": False}
 DEEP = QoSProfile(depth=100000)
@@ -98,12 +81,16 @@ def has_ended(pid: int) -> bool:
 class NodeProcess:
     """One node in a process of its own, its output in a file."""
 
-    def __init__(self, command, environment, log: Path) -> None:
+    def __init__(self, command, environment, log: Path, *, fork: bool = False) -> None:
         self._log = log
+        self.process: subprocess.Popen[bytes] | Forked
         with log.open("wb") as out:
-            self.process = subprocess.Popen(
-                command, env=environment, stdout=out, stderr=subprocess.STDOUT
-            )
+            if fork:
+                self.process = mother().fork(command, environment, log)
+            else:
+                self.process = subprocess.Popen(
+                    command, env=environment, stdout=out, stderr=subprocess.STDOUT
+                )
 
     @property
     def pid(self) -> int:
@@ -174,15 +161,19 @@ class Graph:
         self._records: list[tuple[str, list[Any]]] = []
 
     def start(
-        self, name: str, ns: str = NS, extra=(), *, alone: bool = False, **parameters
+        self, name: str, ns: str = NS, extra=(), *, alone=False, fresh=False, **parameters
     ) -> NodeProcess:
-        """Start a node as `ros2 run` does; `alone`: with no parameter file beside those given."""
+        """Start a node as `ros2 run` does; `alone`: with no parameter file beside those given.
+
+        It is a fork, see `forked`; `fresh`: an interpreter that begins with nothing imported.
+        """
         number = next(self._count)
-        command = [sys.executable, "-m", "valve_twin.nodes.runtime.executables", name]
+        command = [sys.executable, "-m", MODULE, name]
         given = self._arguments(f"{number}_{name}", ns, parameters, extra)
         command += given[:-2] if alone else given
         environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain), "PYTHONUNBUFFERED": "1"}
-        process = NodeProcess(command, environment, self.folder / f"{number}_{name}.log")
+        log = self.folder / f"{number}_{name}.log"
+        process = NodeProcess(command, environment, log, fork=name in ROOMS and not fresh)
         self.processes.append(process)
         return process
 

@@ -176,8 +176,10 @@ class FastPair:
         self.graph, self.database = graph, folder / "fast.sqlite"
         given = ["--params-file", str(self.CONFIG)]
         url = f"sqlite:///{self.database}"
-        self.twin = graph.start("twin", self.NS, given, history_url=url)
-        self.plant = graph.start("simulated_valve", self.NS, given, wait_for_subscribers=1)
+        self.twin = graph.start("twin", self.NS, given, fresh=True, history_url=url)
+        self.plant = graph.start(
+            "simulated_valve", self.NS, given, fresh=True, wait_for_subscribers=1
+        )
         self.said = graph.record("/diagnostics", DiagnosticArray)
         self.seen: dict[str, list[tuple[float, float]]] = {"twin": [], "worker": [], "plant": []}
 

@@ -542,7 +542,7 @@ def test_a_damaged_bag_is_played_as_far_as_it_is_intact(graph, tmp_path, capfd):
 
 def test_a_player_is_light(graph, bag):
     """It needs no compiled kernel and no solver."""
-    player = graph.start("bag_player", bag=bag, start_paused=True)
+    player = graph.start("bag_player", fresh=True, bag=bag, start_paused=True)
     assert graph.call(srv.IsPaused, f"{PLAYER}/is_paused").paused
     status = Path(f"/proc/{player.pid}/status").read_text()
     (resident,) = [line.split()[1] for line in status.splitlines() if line.startswith("VmRSS")]

@@ -110,7 +110,7 @@ class Latencies:
         estimates = graph.record_with_info(f"{NS}/twin/estimate", Estimate)
         url = f"sqlite:///{folder}/history.sqlite"
         live = {**slow, "history_url": url, "topic_prefix": "/sim", "estimate_wait_s": 0.5}
-        graph.start("twin", **live)
+        graph.start("twin", fresh=True, **live)
         own = [f"{NS}/twin/{name}" for name in ("prediction", "cycle", "estimate")]
         graph.spin_until(lambda: graph.connected(*own), 120.0, "the twin's publishers")
         graph.be_heard(f"{NS}/twin")

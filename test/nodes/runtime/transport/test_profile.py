@@ -115,7 +115,7 @@ def test_a_player_of_this_machine_alone_keeps_off_shared_memory_too(
     """The middleware would add it; no segment of it is mapped, and messages come all the same."""
     monkeypatch.setenv(*variable)
     heard = graph.record(f"/replay{TOPICS[0]}", Float64Stamped)
-    player = graph.start("bag_player", bag=write_bag(tmp_path / "bag", 10_000))
+    player = graph.start("bag_player", fresh=True, bag=write_bag(tmp_path / "bag", 10_000))
     graph.spin_until(lambda: len(heard) > 10, 120.0, "messages")
     maps = Path(f"/proc/{player.pid}/maps").read_text()
     assert "/dev/shm/fast" not in maps  # fastrtps_... or fastdds_...
