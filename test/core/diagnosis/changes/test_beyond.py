@@ -59,6 +59,52 @@ def test_a_valve_that_ages_raises_none(table):
     assert first_beyond(vectors, table, OF_ANY_VALVE, 0) is None
 
 
+def test_what_wanders_away_raises_none(table):
+    """It is beyond 2.2 times all before in five cycles, but no sudden change."""
+    wanders = [0.2, -0.3, 0.4, -0.2, 0.3, 0.5, 0.9, 1.0, 2.4, 2.6, 3.0, 3.1, 3.3]
+    vectors = np.zeros((len(wanders), len(table.features)))
+    at = table.features.index("lag_up")
+    vectors[:, at] = wanders
+    assert first_beyond(vectors, table, OF_ANY_VALVE, 0) is None
+    vectors[5:8, at] = (0.0, 1.0, 0.0)
+    assert first_beyond(vectors, table, OF_ANY_VALVE, 0) == (12, 8)
+
+
+def test_a_sound_valve_of_heavy_tails_raises_one_by_the_chance_of_one_cycle_alone(table):
+    """Student's t with three degrees of freedom, whose tail falls with the third power."""
+    random = np.random.default_rng(7)
+    shape, alarms, cycles = (100, len(table.features)), 0, 0
+    for _ in range(300):
+        found = first_beyond(random.standard_t(3, shape), table, OF_ANY_VALVE, 0)
+        alarms += found is not None
+        cycles += found[0] + 1 if found else shape[0]
+    expected = OF_ANY_VALVE.alone * cycles
+    assert alarms < expected + 3.0 * np.sqrt(expected)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_neither_order_sign_nor_unit_of_features_matters_nor_what_comes_later(table, seed):
+    random = np.random.default_rng(seed)
+    count, width = int(random.integers(8, 80)), len(table.features)
+    vectors = random.standard_t(3, (count, width))
+    vectors[count // 2 :, random.integers(width)] += random.choice((-9.0, 9.0))
+    vectors[random.random(vectors.shape) < random.uniform(0.0, 0.2)] = np.nan
+    vectors[random.random(vectors.shape) < 0.01] = np.inf
+    order, unit = random.permutation(width), 2.0 ** random.integers(-40, 41, width)
+    quiet = np.diag(np.diag(np.array(table.covariance)) * unit**2)[np.ix_(order, order)]
+    other = replace(
+        table,
+        features=tuple(table.features[k] for k in order),
+        covariance=tuple(map(tuple, quiet.tolist())),
+        floor=tuple((np.array(table.floor) * unit)[order].tolist()),
+    )
+    found = first_beyond(vectors, table, OF_ANY_VALVE, 0)
+    assert first_beyond(-(vectors * unit)[:, order], other, OF_ANY_VALVE, 0) == found
+    rows = range(count)
+    grown = (first_beyond(vectors[: k + 1], table, OF_ANY_VALVE, k) for k in rows)
+    assert next((f for f in grown if f), None) == found
+
+
 def test_a_feature_that_a_new_cycle_does_not_show_says_nothing(table):
     vectors = record(table, step=6.5)
     vectors[BEFORE:, table.features.index("lag_up")] = np.nan

@@ -25,8 +25,9 @@ _FACTORS = np.array([8.0, 5.0, 3.5, 2.7, 2.2])
 strangers [1]."""
 
 _TAIL = 1.0 / 3.0
-"""Of one cycle: the chance of a large deviation falls with the third power, as assumed of one that
-raises an alarm alone [1]."""
+"""Of one cycle: the chance that it lies farther beyond those before it, in any feature, than any
+other did beyond those before that, falls with the third power, as assumed of one that raises an
+alarm alone [1]."""
 
 _LEAST = 7
 _LEAST_ALONE = 12
@@ -37,6 +38,13 @@ _LINE = 20
 
 _ONE_OUT = 16
 """Cycles from which on the farthest one is left out: one outlier says nothing."""
+
+_SUDDEN = 0.85
+"""Share of a change by which the first of some cycles must lie off those just before them: what
+wanders away is no sudden change, set on strangers [1]."""
+
+_BESIDE = 3
+"""How many cycles these are on both sides [1]."""
 
 _QUIET = 3.0
 """Least that counts as the farthest, in the least standard deviation of a feature [1]."""
@@ -129,33 +137,65 @@ def _first(
     chance: float,
 ) -> tuple[int, int]:
     """Return the first row from `begin` on and how many up to it lie beyond; -1 = none does."""
-    place, value = np.empty(window), np.empty(window)
-    for end in range(begin, len(vectors)):
+    room = (np.empty(window), np.empty(window))
+    alone = np.zeros(len(vectors))
+    for end in range(max(begin - window, _LEAST), min(begin, len(vectors))):
+        alone[end] = _farthest(vectors, least, end, end, window, room)
+    for end in range(max(begin, _LEAST), len(vectors)):
         best, number = 1.0, 0
-        for m in range(1, len(factors) + 1):
-            first = end - m + 1
-            if first < (_LEAST_ALONE if m == 1 else _LEAST):
-                continue
-            since = max(first - window, 0)
-            count = first - since
-            factor = factors[m - 1]
+        for m in range(1, min(len(factors), end - _LEAST + 1) + 1):
+            far, factor = _farthest(vectors, least, end - m + 1, end, window, room), factors[m - 1]
             if m == 1:
-                factor = max(factor, (count * chance) ** -_TAIL)
-            for j in range(vectors.shape[1]):
-                known = 0
-                for row in range(since, first):
-                    if np.isfinite(vectors[row, j]):
-                        place[known], value[known] = row, vectors[row, j]
-                        known += 1
-                if known < max(_LEAST - 1, _KNOWN * count):
+                alone[end] = far
+                if end < _LEAST_ALONE:
                     continue
-                near = _nearest(vectors[first : end + 1, j], first, place[:known], value[:known])
-                far = near[0] / (factor * max(near[1], least[j]))
-                if far > best:
-                    best, number = far, m
+                before = alone[max(end - window, 0) : end]
+                factor = max(factor, max(before.max(), 1.0) * (len(before) * chance) ** -_TAIL)
+            if far > best * factor:
+                best, number = far / factor, m
         if number:
             return end, number
     return -1, 0
+
+
+@njit(cache=True)
+def _farthest(
+    vectors: FloatArray,
+    least: FloatArray,
+    first: int,
+    end: int,
+    window: int,
+    room: tuple[FloatArray, FloatArray],
+) -> float:
+    """Return how many times as far as those before rows `first` to `end` lie, in any feature."""
+    since, most = max(first - window, 0), 0.0
+    for j in range(vectors.shape[1]):
+        known = 0
+        for row in range(since, first):
+            if np.isfinite(vectors[row, j]):
+                room[0][known], room[1][known] = row, vectors[row, j]
+                known += 1
+        if known < max(_LEAST - 1, _KNOWN * (first - since)):
+            continue
+        place, value, new = room[0][:known], room[1][:known], vectors[first : end + 1, j]
+        near = _nearest(new, first, place, value)
+        far = near[0] / max(near[1], least[j])
+        if far > most and (end == first or _is_sudden(new, first, place, value)):
+            most = far
+    return most
+
+
+@njit(cache=True)
+def _is_sudden(new: FloatArray, first: int, place: FloatArray, value: FloatArray) -> bool:
+    """Return whether the first of some new cycles lie off those just before them, too."""
+    level, slope, centre = _line(place, value)
+    after, before = min(_BESIDE, len(new)), min(_BESIDE, len(value))
+    now, then = 0.0, 0.0
+    for k in range(after):
+        now += (new[k] - level - slope * (first + k - centre)) / after
+    for k in range(len(value) - before, len(value)):
+        then += (value[k] - level - slope * (place[k] - centre)) / before
+    return bool(abs(now - then) >= _SUDDEN * abs(now))
 
 
 @njit(cache=True)
