@@ -318,6 +318,23 @@ def test_rows_of_an_mdf_file_that_count_as_seconds_are_told(tmp_path, kind):
     assert any(" have no times, their rows count as seconds: " in line for line in found.notices)
 
 
+@pytest.mark.parametrize(
+    ("kind", "unit", "over"),
+    [(2, "deg", "an angle [deg]"), (1, "ms", "[ms]"), (4, "", "an index")],
+)
+def test_rows_of_an_mdf_file_over_something_else_than_seconds_are_told(tmp_path, kind, unit, over):
+    asammdf = pytest.importorskip("asammdf")
+    path = tmp_path / "a.mf4"
+    seconds = np.arange(100) * 0.01
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(np.sin(seconds), seconds, name="p", unit="bar")])
+        master = file.groups[0].channels[file.masters_db[0]]
+        master.sync_type, master.unit = kind, unit
+        file.save(path)
+    (line,) = read_recording(path).notices
+    assert line.endswith(f": 1 channels stand over {over}, which counts as seconds: p")
+
+
 @pytest.mark.parametrize("link", [1, 2, 6])  # parts, name, unit
 def test_a_link_of_an_mdf_channel_to_another_block_is_told(tmp_path, link):
     asammdf = pytest.importorskip("asammdf")

@@ -23,6 +23,7 @@ from valve_twin.io.instruments.table import (
     unique,
     wild_row,
 )
+from valve_twin.io.instruments.units import known_unit
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,6 +44,9 @@ _LEADS_TO = (
 """Blocks for the links of a channel: next, parts, name, source, conversion, data, unit, note."""
 
 _VIRTUAL = 3  # type of a channel that stands for the number of its row, as the master of a group
+_OVER = {2: "an angle", 3: "a distance", 4: "an index"}
+"""What rows stand over, by the kind of their group's master, if not over time."""
+
 _COUNTED = (_VIRTUAL, 6)  # and such as others are
 
 
@@ -73,6 +77,7 @@ def read_mdf(path: Path) -> Recording:
             check_count(path, len(places))
             notices = _unreached(path, sum(len(group.channels) for group in file.groups))
             notices += _timeless(path, file, sorted({g for g, _ in places}))
+            notices += _over_others(path, file, sorted({g for g, _ in places}))
             columns, empty, short = [], [], []
             for g, i in places:
                 signal = file.get(group=g, index=i)
@@ -144,6 +149,26 @@ def _timeless(path: Path, file: Any, groups: list[int]) -> list[str]:  # noqa: A
     shown = ", ".join(counted[:6]) + (" ..." if len(counted) > 6 else "")
     told = f"{path}: {len(counted)} channels have no times, their rows count as seconds: {shown}"
     return [told] if counted else []
+
+
+def _over_others(path: Path, file: Any, groups: list[int]) -> list[str]:  # noqa: ANN401  an MDF of asammdf
+    """Say of which groups the times are something else, such as an angle, or of another unit."""
+    found: dict[str, list[str]] = {}
+    for g in groups:
+        channels, master = file.groups[g].channels, file.masters_db.get(g)
+        if master is None:
+            continue
+        kind = _OVER.get(getattr(channels[master], "sync_type", 0), "")
+        symbol = str(channels[master].unit or "").strip()
+        unit = known_unit(symbol)
+        if kind or (unit and (unit.quantity, unit.size) != ("time", 1.0)):
+            names = found.setdefault(" ".join(filter(None, (kind, symbol and f"[{symbol}]"))), [])
+            names += [str(c.name) for n, c in enumerate(channels) if n != master]
+    return [
+        line
+        for over, names in found.items()
+        for line in _without_values(path, names, f"stand over {over}, which counts as seconds")
+    ]
 
 
 def _without_values(path: Path, names: list[str], why: str) -> list[str]:
