@@ -45,10 +45,16 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
 )
 from valve_twin.core.valves.press_cartridge.estimation.response.timing import find_timing
 from valve_twin.core.valves.press_cartridge.estimation.structure import check_structure
+from valve_twin.core.valves.press_cartridge.estimation.whitened.moments import (
+    cut_moment,
+    truncated_moments,
+)
+from valve_twin.core.valves.press_cartridge.estimation.whitened.ratio import (
+    find_ratio,
+    spread_moments,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from valve_twin.core.estimation.data.masks import Masks
     from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
     from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import Stretch
@@ -56,8 +62,8 @@ if TYPE_CHECKING:
 
 ESTIMATOR = "kalman"
 
-_SPREAD = tuple(np.linspace(-2.0, 2.0, 9))
-"""Where the likelihood of the noise ratio is looked at, around the one found, logarithmic."""
+_SPREAD = np.array([-2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0])
+"""Where else the likelihood of the noise ratio is looked at, around the one found, logarithmic."""
 
 _MIN_POOLED = 5
 """Fewest cycles that are pooled."""
@@ -65,8 +71,6 @@ _MIN_POOLED = 5
 _LEAST_ERROR = 0.2
 """The ratio of one valve may differ by so much from cycle to cycle, logarithmic, assumed."""
 
-_FAR = 6.0
-_ROOT_TWO_PI = 2.5066282746310002
 _NEAR = 0.15
 
 _REST = 40
@@ -120,27 +124,31 @@ def fit_kalman(
     phases = find_phases(prepared.run, timing.delay, options, settle=0)
     timed = replace(options, pole=timing.pole) if timing.pooled else options
     use = prepared.run.use & ~(_long_rest(phases) | phases.leaving)
-    problem = _Problem(prepared, phases, use, timed)
+    data = phases.stretch(prepared.run.position, use)
+    mean = mean_command(
+        prepared.run.position, phases.v_in, phases.free, options.guard.active_command
+    )
+    problem = _Problem(prepared, data, mean, timed)
     prior = np.zeros(2)
     if pooled is not None and noise_ratio < 0.0:
         prior[:] = pooled.mean, pooled.standard_error**-2.0
-    alone, ratio, solution = problem.search(noise_ratio, prior)
+    found = problem.search(noise_ratio, prior)
+    solution, ratio = found.solution, found.ratio
     fitted = int(np.count_nonzero(solution.linear)) + (timed.pole < 0.0)
     if solution.rows <= fitted + N_LINEAR:
         text = f"{solution.rows} usable samples off the seats, {fitted + N_LINEAR + 1} needed"
         return refused_fit(Refusal(RefusalCode.FEW_SAMPLES, text), masks)
-    spread = _SPREAD if noise_ratio < 0.0 else (0.0,)
-    covariance = problem.covariance(ratio, solution, prior, spread)
+    covariance = problem.covariance(found, prior, spread=noise_ratio < 0.0)
     fit = gain_fit(
         prepared,
         solution,
         masks,
         options,
         timing=timing,
-        noise_ratio=alone,
+        noise_ratio=found.alone,
         covariance=covariance,
     )
-    structure = check_structure(prepared.run, phases, problem.use, solution, ratio, options.v_max)
+    structure = check_structure(prepared.run, phases, use, solution, ratio, options.v_max)
     return replace(fit, guards=(*fit.guards, *structure))
 
 
@@ -179,60 +187,103 @@ def pool_ratios(ratios: FloatArray) -> PooledRatio | None:
 
 
 @dataclass(frozen=True, slots=True)
+class _Found:
+    """What a search found: ratio alone and with the prior, the solution at the latter, its value.
+
+    The value is minus twice the log restricted likelihood, NaN where the search was the slow one.
+    """
+
+    alone: float
+    ratio: float
+    solution: Solution
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
 class _Problem:
     """One cycle, whose likelihood is asked for at several noise ratios."""
 
     cycle: PreparedCycle
-    phases: Phases
-    use: BoolArray
+    data: Stretch
+    v_in_mean: float
     options: OutputErrorOptions
 
-    def search(self, ratio: float, prior: FloatArray) -> tuple[float, float, Solution]:
-        """Return the noise ratio of greatest restricted likelihood, alone and with the prior.
-
-        And the solution at the latter.
-        """
+    def search(self, ratio: float, prior: FloatArray) -> _Found:
+        """Return the noise ratio of greatest restricted likelihood, alone and with the prior."""
         p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
-        options = self.options
+        options, columns = self.options, self.cycle.columns
+        if ratio < 0.0:
+            alone, found, pole, cost, rows, value = find_ratio(
+                self.data, options.v_max, columns, prior, options.pole, p, gram
+            )
+            if rows >= 0:
+                return _Found(alone, found, self._solution(pole, p, gram, cost, rows), value)
         alone, found, pole, cost, rows = search_ratio(
-            self._data(), options.v_max, self.cycle.columns, prior, options.pole, ratio, p, gram
+            self.data, options.v_max, columns, prior, options.pole, ratio, p, gram
         )
-        return alone, found, self._solution(pole, p, gram, cost, rows)
+        return _Found(alone, found, self._solution(pole, p, gram, cost, rows), np.nan)
 
-    def covariance(
-        self, ratio: float, mode: Solution, prior: FloatArray, spread: Sequence[float]
-    ) -> FloatArray:
+    def covariance(self, found: _Found, prior: FloatArray, *, spread: bool) -> FloatArray:
         """Return the (6, 6) covariance, averaged over what the ratio may be.
 
-        `spread` are distances from the found ratio on the logarithmic scale; each weighs as its
-        restricted likelihood. With the found ratio taken for certain, the leak of one cycle
-        covered 91-92 % at sigma 1e-3, and 87 % where too small a ratio was found.
+        Each of `_SPREAD` weighs as its restricted likelihood. With the found ratio taken for
+        certain, the leak of one cycle covered 91-92 % at sigma 1e-3, and 87 % where too small a
+        ratio was found.
         """
+        mode = found.solution
         searched = self.options.pole < 0.0
-        known = np.append(self.cycle.columns, searched and mode.pole > 0.0)
-        fitted = np.flatnonzero(known & (np.diag(mode.gram)[:-1] > 0.0))
-        low, high = (
-            (max(mode.pole - _NEAR, 0.0), min(mode.pole + _NEAR, POLE_MAX))
-            if searched
-            else (mode.pole, mode.pole)
+        fitted = np.flatnonzero(np.append(self.cycle.columns, searched and mode.pole > 0.0))
+        low, high = mode.pole, mode.pole
+        if searched:
+            low, high = max(mode.pole - _NEAR, 0.0), min(mode.pole + _NEAR, POLE_MAX)
+        center = np.log(max(found.ratio, np.exp(LOG_LOW)))
+        parts = np.empty((len(_SPREAD) + 1, N_LINEAR + 1, N_LINEAR + 1))
+        values = np.empty(len(parts))
+        fast = np.isfinite(found.value) and truncated_moments(
+            mode.gram, fitted, mode.cost / mode.rows, parts[-1]
         )
-        center, v_max = np.append(mode.linear, mode.pole), self.options.v_max
+        if fast and spread:
+            values[-1] = found.value
+            fast = spread_moments(
+                self.data,
+                self.options.v_max,
+                self.cycle.columns,
+                (low, high),
+                center + _SPREAD,
+                mode.pole,
+                mode.linear,
+                prior,
+                values[:-1],
+                parts[:-1],
+            )
+        if not fast:
+            steps = np.append(_SPREAD, 0.0) if spread else np.zeros(1)
+            values, parts = self._slow_moments(mode, center + steps, prior, (low, high), fitted)
+        weight = np.exp(-0.5 * (values - values.min()))
+        return np.tensordot(weight / weight.sum(), parts, axes=1)
+
+    def _slow_moments(
+        self,
+        mode: Solution,
+        log_ratios: FloatArray,
+        prior: FloatArray,
+        limits: tuple[float, float],
+        fitted: IntArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return values and second moments about the mode for R ratios: (R,), (R, 6, 6)."""
+        columns, v_max = self.cycle.columns, self.options.v_max
+        middle = np.append(mode.linear, mode.pole)
         values, parts = [], []
-        for step in spread:
+        for at in log_ratios:
             p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
-            at = max(ratio, np.exp(LOG_LOW)) * np.exp(step)
             value, pole, cost, rows = restricted(
-                self._data(), v_max, at, self.cycle.columns, prior, low, high, mode.pole, p, gram
+                self.data, v_max, np.exp(at), columns, prior, *limits, mode.pole, p, gram
             )
             s = self._solution(pole, p, gram, cost, rows)
-            off = np.append(p, pole) - center
+            off = np.append(p, pole) - middle
             values.append(value)
             parts.append(_truncated(s, fitted) + np.outer(off, off))
-        weight = np.exp(-0.5 * (np.array(values) - min(values)))
-        return np.tensordot(weight / weight.sum(), np.array(parts), axes=1)
-
-    def _data(self) -> Stretch:
-        return self.phases.stretch(self.cycle.run.position, self.use)
+        return np.array(values), np.array(parts)
 
     def _solution(
         self, pole: float, p: FloatArray, gram: FloatArray, cost: float, rows: int
@@ -240,20 +291,12 @@ class _Problem:
         """Return a solution whose cost a row is the unbiased variance."""
         fitted = int(np.count_nonzero(p)) + (self.options.pole < 0.0)
         unbiased = cost * rows / max(rows - fitted, 1)
-        active = self.options.guard.active_command
-        mean = mean_command(self.cycle.run.position, self.phases.v_in, self.phases.free, active)
-        return Solution(
-            pole, p, gram, self.cycle.columns, unbiased, max(rows, 1), float("nan"), mean
-        )
+        columns, mean = self.cycle.columns, self.v_in_mean
+        return Solution(pole, p, gram, columns, unbiased, max(rows, 1), float("nan"), mean)
 
 
 def _truncated(s: Solution, fitted: IntArray) -> FloatArray:
-    """Return the (6, 6) second moments about the solution of parameters that are not negative.
-
-    A sag on its bound is an uncertain sag, too: with it left out the gain covered 87 % on cycles
-    whose true sag is zero. But what lies beyond the bound does not count: each positive parameter
-    in turn is a normal variable cut off at zero.
-    """
+    """Return as `truncated_moments` where the equations may be singular: (6, 6)."""
     fitted = fitted[np.diag(s.gram)[fitted] > 0.0]
     moments = fit_covariance(s, s.cost / s.rows, fitted)
     scale = np.sqrt(np.diag(s.gram)[fitted])
@@ -264,24 +307,10 @@ def _truncated(s: Solution, fitted: IntArray) -> FloatArray:
         variance = float(moments[k, k])
         if not 0.0 < variance < np.inf:
             continue
-        share = _cut_moment(free[k] / np.sqrt(variance))
+        share = cut_moment(free[k] / np.sqrt(variance))
         column = np.where(np.isfinite(moments[k]), moments[k], 0.0)
         moments = moments + (share - 1.0) / variance * np.outer(column, column)
     return moments
-
-
-def _cut_moment(level: float) -> float:
-    """Return the second moment of a normal variable cut off at zero, about its best value.
-
-    The variable has variance 1 and mean `level` before the cut; its best value is max(level, 0).
-    """
-    if level > _FAR:
-        return 1.0
-    from scipy.special import log_ndtr  # slow to import
-
-    hazard = float(np.exp(-0.5 * level**2 - log_ndtr(level))) / _ROOT_TWO_PI
-    mean, variance = level + hazard, 1.0 - hazard * (level + hazard)
-    return variance + (mean - max(level, 0.0)) ** 2
 
 
 def _long_rest(phases: Phases) -> BoolArray:

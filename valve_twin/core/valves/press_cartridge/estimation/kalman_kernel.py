@@ -32,6 +32,7 @@ from valve_twin.core.valves.press_cartridge.estimation.solvers.line_search impor
     line_start,
     line_update,
 )
+from valve_twin.core.valves.press_cartridge.estimation.whitened.moments import restricted_value
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
@@ -46,7 +47,6 @@ LOG_LOW = -14.0
 
 _LOG_HIGH, _LOG_STEP = 10.0, 2.0
 _LOG_WIDTH = 0.02
-_SINGULAR = 1e-12  # relative pivot below which columns count as dependent
 
 
 @njit(cache=True, inline="always")
@@ -175,31 +175,6 @@ def whiten(
 
 
 @njit(cache=True)
-def _log_determinant(gram: FloatArray, used: BoolArray) -> float:
-    """Return the log determinant of the used rows and columns; -inf where they are dependent."""
-    size = len(used)
-    factor = np.zeros((size, size))
-    total = 0.0
-    for i in range(size):
-        if not used[i]:
-            continue
-        pivot = gram[i, i]
-        for j in range(i):
-            if not used[j]:
-                continue
-            t = gram[i, j]
-            for k in range(j):
-                t -= factor[i, k] * factor[j, k]
-            factor[i, j] = t / factor[j, j]
-            pivot -= factor[i, j] * factor[i, j]
-        if pivot <= _SINGULAR * gram[i, i]:
-            return -np.inf
-        factor[i, i] = np.sqrt(pivot)
-        total += np.log(pivot)
-    return total
-
-
-@njit(cache=True)
 def _likelihood(
     data: Stretch,
     pole: float,
@@ -318,18 +293,10 @@ def restricted(
     _likelihood(data, pole, v_max, ratio, columns, p, gram)
     log_determinant, rows = whiten(data, pole, v_max, ratio, p, gram)
     cost = float(solve_positive(gram, columns, p))
-    used = np.zeros(N_LINEAR + 1, dtype=np.bool_)
-    count = 0
-    for k in range(N_LINEAR):
-        used[k] = p[k] > 0.0
-        count += used[k]
-    used[N_LINEAR] = high > low and gram[N_LINEAR, N_LINEAR] > 0.0
-    count += used[N_LINEAR]
-    degrees = max(rows - count, 1)
-    value = degrees * np.log(max(cost, 1e-300) / degrees) + log_determinant
+    value = restricted_value(gram, p, rows, log_determinant, cost, high > low)
     if prior[1] > 0.0:
         value += prior[1] * (np.log(ratio) - prior[0]) ** 2
-    return value + _log_determinant(gram, used), pole, cost, rows
+    return value, pole, cost, rows
 
 
 @njit(cache=True)

@@ -19,13 +19,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from valve_twin.core.valves.press_cartridge.estimation.solvers.line_search import (
-    BEST,
-    BEST_VALUE,
-    line_next,
-    line_start,
-    line_update,
-)
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
@@ -43,7 +36,7 @@ POLE_MAX = 0.98
 _GRID = 25
 _REFINEMENTS = 22
 _GOLDEN = 0.6180339887498949
-_NEAR = 0.2  # on either side of where a search of the pole begins [1]
+_CHANGES = 10  # of the positive parameters, until all of their sets are tried
 _SINGULAR = 1e-12  # relative pivot below which columns count as dependent
 
 
@@ -189,12 +182,49 @@ def _solve_subset(
 
 
 @njit(cache=True)
+def _list_subset(subset: int, chosen: IntArray) -> int:
+    """Write the columns of a set of bits; return how many."""
+    m = 0
+    for k in range(N_LINEAR):
+        chosen[m] = k
+        m += (subset >> k) & 1
+    return m
+
+
+@njit(cache=True)
+def _optimal_change(
+    gram: FloatArray, chosen: IntArray, m: int, x: FloatArray, subset: int, allowed: int
+) -> int:
+    """Return the next set of columns, the same where this one is the constrained minimum.
+
+    What is negative leaves; where nothing is, the column enters whose entry lowers the cost most.
+    """
+    following = subset
+    for i in range(m):
+        if x[i] < 0.0:
+            following &= ~(1 << chosen[i])
+    if following != subset:
+        return following
+    steepest, last = 0.0, N_COLUMNS - 1
+    for k in range(N_LINEAR):
+        if (subset >> k) & 1 or not (allowed >> k) & 1 or not gram[k, k] > 0.0:
+            continue
+        slope = gram[k, last]
+        for i in range(m):
+            slope -= gram[k, chosen[i]] * x[i]
+        if slope > 0.0 and slope * slope > steepest * gram[k, k]:
+            steepest = slope * slope / gram[k, k]
+            following = subset | (1 << k)
+    return following
+
+
+@njit(cache=True)
 def solve_positive(gram: FloatArray, columns: BoolArray, p: FloatArray) -> float:
     """Write the exact minimiser p >= 0 over the chosen columns; return its cost [1].
 
-    Every subset of columns is solved by Cholesky; the best whose solution is positive is the
-    constrained minimum. Dependent columns drop out: of two that cannot be distinguished, one
-    stays.
+    A subset of columns whose solution is positive, and from which no other column would lower the
+    cost, is the constrained minimum; it is found in a few changes. Where it is not, or columns are
+    dependent, every subset is solved by Cholesky: of two that cannot be distinguished, one stays.
 
     Parameters
     ----------
@@ -213,13 +243,21 @@ def solve_positive(gram: FloatArray, columns: BoolArray, p: FloatArray) -> float
     allowed = 0
     for k in range(N_LINEAR):
         allowed += (1 << k) * columns[k]
+    subset = allowed
+    for _ in range(_CHANGES):
+        m = _list_subset(subset, chosen)
+        cost = _solve_subset(gram, chosen, m, factor, x)
+        if cost == np.inf:
+            break
+        changed = _optimal_change(gram, chosen, m, x, subset, allowed)
+        if changed == subset:
+            p[chosen[:m]] = x[:m]
+            return cost
+        subset = changed
     for subset in range(1, 1 << N_LINEAR):
         if subset & ~allowed:
             continue
-        m = 0
-        for k in range(N_LINEAR):
-            chosen[m] = k
-            m += (subset >> k) & 1
+        m = _list_subset(subset, chosen)
         cost = _solve_subset(gram, chosen, m, factor, x)
         if cost < best and x[:m].min() >= 0.0:
             best = cost
@@ -302,17 +340,16 @@ def search_pole(
 
 
 @njit(cache=True)
-def search_pole_near(
+def pole_likelihood(
     data: Stretch,
     v_max: float,
     wander: float,
     columns: BoolArray,
-    start: float,
-    width: float,
+    pole: float,
     p: FloatArray,
     gram: FloatArray,
-) -> tuple[float, float]:
-    """Return minus twice the log likelihood of the best pole near a place, and that pole.
+) -> float:
+    """Return minus twice the log likelihood at a pole, a constant left out.
 
     Parameters
     ----------
@@ -322,23 +359,12 @@ def search_pole_near(
         Greatest command [1], random walk, see `accumulate` [1].
     columns : (5,) bool array
         Parameters that are fitted.
-    start : float
-        Where the search begins [1].
-    width : float
-        Of the result [1]; 0 = no search, the pole is `start`.
+    pole : float
+        The pole [1].
     p, gram : (5,), (7, 7) arrays
         Overwritten, see `search_pole`.
     """
     p[:] = 0.0
-    log_determinant, rows = accumulate(data, start, v_max, wander, p, gram)
-    best, pole = float(solve_positive(gram, columns, p)), start
-    if width > 0.0:
-        low, high = max(start - _NEAR, 0.0), min(start + _NEAR, POLE_MAX)
-        state = line_start(low, high, start, best)
-        at = line_next(state, width)
-        while not np.isnan(at):
-            line_update(state, at, _cost(data, at, v_max, wander, columns, p, gram))
-            at = line_next(state, width)
-        pole, best = state[BEST], state[BEST_VALUE]
-    rows = max(rows, 1)
-    return rows * np.log(max(best, 1e-300) / rows) + log_determinant, pole
+    log_determinant, rows = accumulate(data, pole, v_max, wander, p, gram)
+    cost = float(solve_positive(gram, columns, p))
+    return float(max(rows, 1) * np.log(max(cost, 1e-300) / max(rows, 1)) + log_determinant)

@@ -15,22 +15,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.valves.press_cartridge.estimation.free_run import (
-    acting_command,
-    find_phases,
-)
+from valve_twin.core.valves.press_cartridge.estimation.free_run import find_phases
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,
-    POLE_MAX,
     Stretch,
-    search_pole_near,
+    pole_likelihood,
 )
-from valve_twin.core.valves.press_cartridge.estimation.solvers.line_search import (
-    BEST_VALUE,
-    line_next,
-    line_start,
-    line_update,
+from valve_twin.core.valves.press_cartridge.estimation.response.joint import Cycle, find_joint
+from valve_twin.core.valves.press_cartridge.estimation.whitened.rounds import (
+    Rows,
+    sample_flags,
 )
 
 if TYPE_CHECKING:
@@ -38,15 +33,6 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import BoolArray
     from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions, Run
-
-_PARTS = (-0.8, -0.4, 0.0, 0.4)
-"""Where the search of the part of a sample begins, about the lag [samples]."""
-
-_REACH = 0.4  # on either side of the best of them [samples]
-_POLES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of which the best begins the search [1]
-_WHOLE = 0.05  # a delay nearer to the lag is compared with it [samples]
-_WIDTH = 0.003  # of the result [samples]
-_POLE_WIDTH, _LAST_WIDTH = 1e-3, 1e-6  # of the pole, on the way and at the end [1]
 
 _USUAL = 0.15
 """Standard deviation of the part of a sample where nothing is known of the valve, assumed."""
@@ -102,41 +88,19 @@ def find_timing(run: Run, lag: int, columns: BoolArray, options: OutputErrorOpti
     options : OutputErrorOptions
         How the free run is fitted; a fixed pole and a fixed delay stay.
     """
-    phases = find_phases(run, lag, options)
-    held = phases.stretch(run.position, run.use)
-    pole = options.pole
-    if pole < 0.0:
-        pole = min(_POLES, key=lambda z: _value(held, columns, options, z, width=0.0)[0])
-
-    def value(part: float, width: float = _POLE_WIDTH) -> tuple[float, float]:
-        start = _shifted(pole, best_part - part) if options.pole < 0.0 else pole
-        acting = [acting_command(v, lag + part) for v in (run.v_in, run.v_out)]
-        data = held._replace(v_in=acting[0], v_out=acting[1])
-        found, at = _value(data, columns, options, start, width=width)
-        return found + (part / _USUAL) ** 2, at
-
-    best, best_part = np.inf, 0.0
-    for part in _PARTS if options.delay < 0.0 else (0.0,):
-        if lag + part >= 0.0:
-            found, at = value(part)
-            if found < best:
-                best, best_part, pole = found, part, at
-    if options.delay >= 0.0:
-        return Timing(float(lag), value(0.0, _LAST_WIDTH)[1])
-    low = max(best_part - _REACH, -float(lag))
-    state = line_start(low, best_part + _REACH, best_part, best)
-    part = line_next(state, _WIDTH)
-    while not np.isnan(part):
-        found, at = value(part)
-        if found <= state[BEST_VALUE]:
-            pole, best_part = at, part
-        line_update(state, part, found)
-        part = line_next(state, _WIDTH)
-    best, pole = value(best_part, _LAST_WIDTH)
-    if 0.0 < abs(best_part) < _WHOLE:  # exact data: one of the two is, and only at its own pole
-        whole, at = value(0.0, _LAST_WIDTH)
-        best_part, pole = (0.0, at) if whole <= best else (best_part, pole)
-    return Timing(lag + best_part, pole)
+    held = find_phases(run, lag, options).stretch(run.position, run.use)
+    fixed = options.delay >= 0.0
+    cycle = Cycle(
+        Rows(held.y, sample_flags(held), held.anchor, run.v_in, run.v_out),
+        options.v_max,
+        options.wander,
+        columns,
+        lag,
+        0.0 if fixed else _USUAL,
+        options.pole < 0.0,
+    )
+    part, pole = find_joint(cycle, options.pole)
+    return Timing(lag + part, pole)
 
 
 def pool_timing(alone: Sequence[tuple[float, float]]) -> Timing | None:
@@ -179,17 +143,10 @@ def choose_timing(
             columns,
             options,
             t.pole,
-            width=0.0,
-        )[0]
+        )
         for t in (own, pooled)
     )
     return own if together - alone > _DECIDES else pooled
-
-
-def _shifted(pole: float, samples: float) -> float:
-    """Return the pole whose mean time is so much longer [samples]."""
-    mean = max(pole / (1.0 - pole) + samples, 0.0)
-    return min(mean / (1.0 + mean), POLE_MAX)
 
 
 def _value(
@@ -197,10 +154,7 @@ def _value(
     columns: BoolArray,
     options: OutputErrorOptions,
     pole: float,
-    *,
-    width: float = _POLE_WIDTH,
-) -> tuple[float, float]:
-    """Return minus twice the log likelihood, and the pole, searched near `pole`."""
+) -> float:
+    """Return minus twice the log likelihood."""
     p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
-    width = width if options.pole < 0.0 else 0.0
-    return search_pole_near(data, options.v_max, options.wander, columns, pole, width, p, gram)
+    return pole_likelihood(data, options.v_max, options.wander, columns, pole, p, gram)
