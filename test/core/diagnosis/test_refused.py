@@ -108,6 +108,15 @@ def test_two_still_cycles_are_a_frozen_sensor_where_not_even_noise_is_left(share
     assert still([*USUAL, cycles[0], shown[0]]) is None
 
 
+@pytest.mark.parametrize(("length", "alarm"), [(1.0, 22), (3.0, 21)])
+def test_the_cycle_that_told_it_stays_while_more_are_still(length, alarm):
+    cycles = [
+        refused(c, RefusalCode.NO_MOTION.value, stroke=0.0, length=length) for c in range(21, 26)
+    ]
+    found = [still([*USUAL, *cycles[:count]]) for count in range(2, 6)]
+    assert [(f.onset, f.alarm) for f in found if f] == 4 * [(21, alarm)]
+
+
 def with_noise(cycle, noise):
     """Return the features of a cycle with motion, and with noise at rest where there is any."""
     shown = with_repeats(cycle, 0.5)
@@ -167,6 +176,11 @@ def test_what_says_why_nothing_moves_is_told_alone(name):
 def test_a_fault_that_few_cycles_named_before_nothing_moved_is_that_nothing_moves():
     told = with_still([fault("sensor_gain", 21)], STUCK)
     assert told == (replace(STUCK, onset=21, alarm=22),)
+
+
+def test_clocks_that_run_apart_are_told_beside_it():
+    apart = fault("clock", 21)
+    assert with_still([apart], STUCK) == (apart, STUCK)
 
 
 def test_a_fault_of_long_ago_is_told_beside_it():

@@ -11,6 +11,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.changes.finding import Finding
 from valve_twin.core.diagnosis.features import NOISE
+from valve_twin.core.diagnosis.products import CLOCK
 from valve_twin.core.past.columns import past_of
 
 if TYPE_CHECKING:
@@ -98,7 +99,8 @@ def still(history: Iterable[Estimate] | Past) -> Finding | None:
         return None
     moved = ~(stroke[newest[::-1]] < _STILL * np.median(usual))
     run = newest[::-1][: int(np.argmax(moved)) if moved.any() else len(moved)]
-    overdue = len(run) and length[run[0]] > _OVERDUE * np.median(length[before])
+    late = length[run] > _OVERDUE * np.median(length[before])
+    overdue = len(run) and bool(late[0])
     if not overdue and len(run) < _LEAST_STILL:
         return None
     cycle = rows.cycle[run]
@@ -108,14 +110,15 @@ def still(history: Iterable[Estimate] | Past) -> Finding | None:
     frozen = frozen and not (overdue and _is_noiseless(past.features, int(rows.cycle[newest[0]])))
     name, part = ("sensor_freeze", "sensor") if frozen else ("no_motion", "valve")
     size = 1.0 if frozen else float("nan")
-    return Finding(name, (), part, size, float("nan"), int(cycle[-1]), int(cycle[0]))
+    alarm = cycle[-1] if late[-1] else cycle[-_LEAST_STILL]  # the first that told it
+    return Finding(name, (), part, size, float("nan"), int(cycle[-1]), int(alarm))
 
 
 def with_still(findings: Sequence[Finding], stuck: Finding | None) -> tuple[Finding, ...]:
     """Return faults and that nothing moves, one for one cause.
 
     A fault that lasts and says it is enough. One that was seen just before, of which few cycles
-    were left to name it, is that nothing moves.
+    were left to name it, is that nothing moves; clocks that run apart are something else.
 
     Parameters
     ----------
@@ -126,13 +129,17 @@ def with_still(findings: Sequence[Finding], stuck: Finding | None) -> tuple[Find
     """
     if stuck is None:
         return tuple(findings)
-    near = [f for f in findings if f.end < 0 and abs(stuck.onset - f.onset) <= _ONE_CAUSE]
+    near = [
+        f
+        for f in findings
+        if f.end < 0 and f.fault != CLOCK and abs(stuck.onset - f.onset) <= _ONE_CAUSE
+    ]
     if any(f.fault in _SAYS_IT for f in near) or any(
         f.fault == stuck.fault and f.end < 0 for f in findings
     ):
         return tuple(findings)
     first = min((f.onset for f in near), default=stuck.onset)
-    alarm = min((f.alarm for f in near), default=stuck.alarm)
+    alarm = min((stuck.alarm, *(f.alarm for f in near)))
     others = (f for f in findings if f not in near)
     return (*others, replace(stuck, onset=min(first, stuck.onset), alarm=alarm))
 
