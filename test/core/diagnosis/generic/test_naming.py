@@ -9,11 +9,17 @@ from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Finding
 from valve_twin.core.diagnosis.config import OF_ANY_VALVE
 from valve_twin.core.diagnosis.generic.explained import NAMED
 from valve_twin.core.diagnosis.generic.naming import renamed
-from valve_twin.core.diagnosis.generic.signatures import derive_table
+from valve_twin.core.diagnosis.generic.signatures import signatures_of
 from valve_twin.core.valves.registry import get_model
 
 ONSET, CYCLES = 15, np.arange(1, 25)
-TABLE = derive_table(get_model("first_order"))
+
+
+def table():
+    """Return the signatures of a first-order valve: derived once a process, and by no import."""
+    found = signatures_of(get_model("first_order"))
+    assert found is not None
+    return found
 
 
 def finding(fault, *, onset=ONSET, end=-1):
@@ -31,20 +37,20 @@ def shown(*, scatter=0.01, fall=0.0, **more):
 
 
 def vectors(fault="delay", size=2.0):
-    change = next(s.change for s in TABLE.signatures if s.fault == fault)
-    rows = np.zeros((len(CYCLES), len(TABLE.features)))
+    change = next(s.change for s in table().signatures if s.fault == fault)
+    rows = np.zeros((len(CYCLES), len(table().features)))
     rows[CYCLES >= ONSET] = size * np.array(change)
     return rows
 
 
 def named(found, rows, **more):
-    return renamed([found], CYCLES, vectors(), rows, TABLE, OF_ANY_VALVE, **more)[0]
+    return renamed([found], CYCLES, vectors(), rows, table(), OF_ANY_VALVE, **more)[0]
 
 
 @pytest.mark.parametrize("wrong", ["lost_motion", "sensor_gain", UNKNOWN])
 def test_what_explains_more_than_before_names_it(wrong):
     found = named(finding(wrong), shown(delay=1.0))
-    small = next(s.severity for s in TABLE.signatures if s.fault == "delay")
+    small = next(s.severity for s in table().signatures if s.fault == "delay")
     assert (found.fault, found.part, found.rivals) == ("delay", "valve", ())
     assert found.severity == pytest.approx(2.0 * small, rel=0.3)
     assert (found.onset, found.alarm, found.end) == (ONSET, ONSET + 2, -1)
@@ -88,5 +94,5 @@ def test_cycles_of_another_fault_are_no_measure():
     early = finding("sensor_freeze", onset=5, end=12)
     rows = shown(delay=1.0)
     rows[4:11] += 1.0
-    both = renamed([early, finding("lost_motion")], CYCLES, vectors(), rows, TABLE, OF_ANY_VALVE)
+    both = renamed([early, finding("lost_motion")], CYCLES, vectors(), rows, table(), OF_ANY_VALVE)
     assert [f.fault for f in both] == ["sensor_freeze", "delay"]

@@ -14,7 +14,7 @@ import pytest
 from valve_twin.cli.main import main
 from valve_twin.core.diagnosis.changes.finding import Diagnosis
 from valve_twin.core.diagnosis.features import ESTIMATOR
-from valve_twin.core.diagnosis.generic.signatures import derive_table
+from valve_twin.core.diagnosis.generic.signatures import signatures_of
 from valve_twin.core.diagnosis.given.judged import judged, seen_of
 from valve_twin.core.diagnosis.given.reference import make_reference
 from valve_twin.core.diagnosis.history import diagnose, followed_features
@@ -43,7 +43,13 @@ def test_the_example_of_the_page_tells_a_leak_of_the_fourth_cycle(root, tmp_path
 
 
 ANY = get_model("first_order")
-TABLE = derive_table(ANY)
+
+
+def table():
+    """Return the signatures of a first-order valve: derived once a process, and by no import."""
+    found = signatures_of(ANY)
+    assert found is not None
+    return found
 
 
 def shown_of(history):
@@ -56,7 +62,7 @@ def shown_of(history):
 def lived(seed, models, change=0.0, since=1):
     """Return features against models, of a number of cycles each, with a change since a cycle."""
     kind, random = ANY.feature_set, np.random.default_rng(seed)
-    deviation = np.sqrt(np.diag(np.array(TABLE.covariance)))
+    deviation = np.sqrt(np.diag(np.array(table().covariance)))
     own = [value for value, cycles in models for _ in range(cycles)]
     rows = deviation * random.standard_normal((len(own), len(deviation)))
     rows[since - 1 :] += change
@@ -96,11 +102,11 @@ def sisters():
 
 @pytest.mark.parametrize("over", [False, True])
 def test_a_fault_that_lasts_by_the_reference_is_told_where_the_own_past_takes_it_for_over(over):
-    change = next(s.change for s in TABLE.signatures if s.fault == "sensor_gain")
+    change = next(s.change for s in table().signatures if s.fault == "sensor_gain")
     shown = shown_of(lived(9, [(0.4, 30)], 10.0 * np.array(change), 6))
 
     def told(own):
-        return judged(Diagnosis(own, 30, ready=True), shown, 0, ANY, TABLE, sisters(), "")
+        return judged(Diagnosis(own, 30, ready=True), shown, 0, ANY, table(), sisters(), "")
 
     (fault,) = told(()).findings
     assert (fault.fault, fault.onset, fault.end) == ("sensor_gain", 6, -1)
