@@ -138,24 +138,35 @@ def _first(
 ) -> tuple[int, int]:
     """Return the first row from `begin` on and how many up to it lie beyond; -1 = none does."""
     room = (np.empty(window), np.empty(window))
-    alone = np.zeros(len(vectors))
-    for end in range(max(begin - window, _LEAST), min(begin, len(vectors))):
-        alone[end] = _farthest(vectors, least, end, end, window, room)
     for end in range(max(begin, _LEAST), len(vectors)):
         best, number = 1.0, 0
         for m in range(1, min(len(factors), end - _LEAST + 1) + 1):
+            if m == 1 and end < _LEAST_ALONE:
+                continue
             far, factor = _farthest(vectors, least, end - m + 1, end, window, room), factors[m - 1]
-            if m == 1:
-                alone[end] = far
-                if end < _LEAST_ALONE:
-                    continue
-                before = alone[max(end - window, 0) : end]
-                factor = max(factor, max(before.max(), 1.0) * (len(before) * chance) ** -_TAIL)
+            if m == 1 and far > factor:
+                rare = (min(end, window) * chance) ** -_TAIL
+                factor = max(factor, _usual(vectors, least, end, window, room) * rare)
             if far > best * factor:
                 best, number = far / factor, m
         if number:
             return end, number
     return -1, 0
+
+
+@njit(cache=True)
+def _usual(
+    vectors: FloatArray,
+    least: FloatArray,
+    end: int,
+    window: int,
+    room: tuple[FloatArray, FloatArray],
+) -> float:
+    """Return how far any row before one lay by itself beyond those before it, at least 1."""
+    most = 1.0
+    for row in range(max(end - window, _LEAST), end):
+        most = max(most, _farthest(vectors, least, row, row, window, room))
+    return most
 
 
 @njit(cache=True)
