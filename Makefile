@@ -8,7 +8,7 @@ RUN := tools/run
 ROS := $(VALVE_TWIN_ROS)
 export VALVE_TWIN_ROS = $(ROS)
 
-.PHONY: help setup demo test test-long lock clean
+.PHONY: help setup demo test test-long test-slowest lock clean
 
 help:
 	@echo "make demo       run a simulated aging press valve with its twin, aging monitor and recorder; ends with a report"
@@ -17,6 +17,7 @@ help:
 	@echo "make test       lint, types, tests, short benchmark"
 	@echo "                with the wheels of ROS 2 Kilted, in an environment beside the other: make test ROS=kilted"
 	@echo "make test-long  the statistical campaigns that make test leaves out"
+	@echo "make test-slowest  make test, which tells of each step the 30 tests and fixtures that took the most CPU"
 	@echo "make setup      environment, messages, package, all compiled kernels; make test calls it, make demo does what it needs of it"
 	@echo "make lock       resolve the dependencies anew into requirements*.lock"
 	@echo "make clean      remove everything that was built, the environment included"
@@ -33,6 +34,9 @@ test: setup
 
 test-long: setup
 	@$(RUN) tools/check --long
+
+test-slowest: setup
+	@$(RUN) tools/check --slowest 30
 
 lock:
 	@$(PYTHON) tools/lock.py $(if $(UPGRADE),--upgrade)

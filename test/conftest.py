@@ -4,6 +4,7 @@
 
 import fcntl
 import hashlib
+import os
 import pickle
 from collections.abc import Callable, Generator
 from pathlib import Path
@@ -58,6 +59,22 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("deterministic")
 
 
+CPU = "cpu_s"
+"""Name of what a report says of the CPU of its test or fixture, ended children included [s]."""
+SINCE = pytest.StashKey[float]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    told = "tell the N tests and fixtures that took the most CPU, their ended children included"
+    parser.addoption("--slowest", type=int, default=0, metavar="N", help=told)
+
+
+def used_s() -> float:
+    """Return the CPU of this process and its ended children [s]."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
 def pytest_report_header() -> str:
     return "random numbers: fixed seeds, named in each test; hypothesis profile: deterministic"
 
@@ -71,6 +88,42 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             msg = f"{item.nodeid}: tools/check does not look for tests marked ros or alone here"
             raise pytest.UsageError(msg)
     items.sort(key=lambda item: LENGTHY.get(item.path, len(LENGTHY)))
+
+
+def cpu_s_of(report: pytest.TestReport) -> float:
+    found = dict(report.user_properties).get(CPU)
+    return found if isinstance(found, float) else 0.0
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    item.stash[SINCE] = used_s()
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Say in the report of a setup, call or teardown what CPU it took."""
+    report = yield
+    now = used_s()
+    report.user_properties.append((CPU, now - item.stash[SINCE]))
+    item.stash[SINCE] = now
+    return report
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    reports = [r for found in terminalreporter.stats.values() for r in found]
+    tests = [r for r in reports if isinstance(r, pytest.TestReport)]
+    most = sorted(tests, key=cpu_s_of, reverse=True)[: config.getoption("--slowest")]
+    if most:
+        terminalreporter.section("most CPU, and elapsed [s]")
+    for r in most:
+        told = f"{cpu_s_of(r):8.2f} {r.duration:8.2f} {r.when:8} {r.nodeid}"
+        terminalreporter.write_line(told)
 
 
 @pytest.hookimpl(wrapper=True)
