@@ -8,13 +8,13 @@ what one says that has been running all the time. Times are the data's own; no c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.aging.altered import altered
-from valve_twin.core.aging.config import AgingConfig, Axis, parse_stop
+from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.covariates import describe_effects, without_conditions
 from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.aging.drift import (
@@ -23,7 +23,15 @@ from valve_twin.core.aging.drift import (
     present_segment,
     with_drift,
 )
-from valve_twin.core.aging.life import axis_rate, date_after
+from valve_twin.core.aging.life import axis_rate
+from valve_twin.core.aging.limits.forecast import (
+    SCALE,
+    is_sure,
+    past_limit,
+    stop_probability,
+    with_life,
+    without_forecast,
+)
 from valve_twin.core.aging.limits.states import (
     held_limits,
     limit_state,
@@ -48,16 +56,16 @@ from valve_twin.core.aging.verdict import (
     Trend,
     TrendStatus,
     Verdict,
+    VerdictKind,
     concern,
     decide,
     describe_remaining,
     held_back,
-    way_percent,
 )
-from valve_twin.core.diagnosis.changes.finding import NOTHING, Diagnosis
+from valve_twin.core.diagnosis.changes.finding import CLOCK, NOTHING, Diagnosis
 from valve_twin.core.diagnosis.checks import begun_anew, failed_checks
-from valve_twin.core.diagnosis.history import diagnose
-from valve_twin.core.diagnosis.products import CLOCK
+from valve_twin.core.diagnosis.hidden import hidden_in
+from valve_twin.core.diagnosis.history import describe_finding, diagnose
 from valve_twin.core.diagnosis.refused import refused_lately
 from valve_twin.core.past.state import state_of
 from valve_twin.core.types import Parameter
@@ -65,7 +73,6 @@ from valve_twin.core.types import Parameter
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.aging.drift import Limit
     from valve_twin.core.aging.laws.shapes import LawFit
     from valve_twin.core.aging.trend import Line
     from valve_twin.core.past.columns import Past
@@ -73,10 +80,6 @@ if TYPE_CHECKING:
 
 WAVE_DOUBT = 0.1
 """Standard deviation that a wave leaves in a drift, as a share of its height [1], assumed."""
-
-FORECAST_SIGNIFICANCE = 0.01
-"""Error probability of a drift that gives the remaining life an upper limit [1], assumed;
-stricter than `AgingConfig.significance`, since every cycle tests anew."""
 
 MOVES = 0.8
 """Standard deviation by which the systematic error of the estimates moves between reference and
@@ -181,7 +184,7 @@ def assess(
     diagnosis = NOTHING if config.label else diagnose(past, maintenance, *given)
     if any(f.fault == CLOCK for f in diagnosis.findings):
         trends = tuple(
-            altered(_without_forecast(t), reason=f"{t.reason}; no forecast: the clocks run apart")
+            altered(without_forecast(t), reason=f"{t.reason}; no forecast: the clocks run apart")
             for t in trends
         )
     failed = failed_checks(past, begun_anew(maintenance))
@@ -194,11 +197,18 @@ def assess(
         fault=diagnosis.present,
         stale=refused_lately(past),
         doubt=diagnosis.doubt,
-        failed="; ".join(filter(None, (diagnosis.against, failed))),
+        failed="; ".join(filter(None, (_clocks_beside(diagnosis), diagnosis.against, failed))),
         since=_first_compared(ordered, maintenance),
     )
     verdict = held_back(verdict, diagnosis.departs, cycle=diagnosis.newest)
+    if verdict.kind is VerdictKind.OK and (hidden := hidden_in(past)):
+        verdict = replace(verdict, evidence=f"{verdict.evidence}; {hidden}")
     return Assessment(trends, verdict, tuple(detail for _, detail in results), diagnosis)
+
+
+def _clocks_beside(diagnosis: Diagnosis) -> str:
+    """Return that clocks run apart beside the fault that is told, or ""."""
+    return f"beside it {describe_finding(diagnosis.clocks)}" if diagnosis.clocks else ""
 
 
 def _first_compared(history: History, maintenance: Sequence[Maintenance]) -> int:
@@ -286,11 +296,15 @@ def _judge(
         reason = f"{trend.samples} of {config.min_samples} estimates since {since}"
         return altered(trend, level=level, reason=reason), None
     present = present_segment(series, pieces, parts[-1], line, config.laws)
-    line = present.line
+    straight, line = line, present.line
     lines = (*lines[:-1], line)
     reference = find_reference(trend.parameter, series, pieces, lines, maintenance, config)
     doubt = np.hypot(WAVE_DOUBT * float(np.ptp(pieces.wave)), MOVES * series.systematic)
-    reference = altered(reference, variance=reference.variance + float(doubt) ** 2)
+    reference = altered(
+        reference,
+        variance=reference.variance + float(doubt) ** 2,
+        scale=SCALE if series.systematic > 0.0 else 0.0,
+    )
     trend = _with_line(trend, line, present.fit)
     trend = with_drift(trend, present, reference, resolution)
     held = held_limits(reference, pieces, parts, lines, config, trend.parameter)
@@ -305,32 +319,22 @@ def _judge(
         held=held.alarm,
         warned=held.warning,
     )
-    trend = _with_life(trend, limit, config)
-    if not _is_sure(trend, limit, begun=begun):
-        trend = _without_forecast(trend)
     drifting = line.p_value < config.significance
     trend = altered(
-        trend,
+        with_life(trend, limit),
         share_lost=max((x.share for x in lost), default=_NAN),
         status=TrendStatus.DRIFTING if drifting else TrendStatus.STEADY,
     )
+    if not is_sure(trend, limit, begun=begun):
+        trend = without_forecast(trend)
     if limit.beyond:
-        trend = _beyond(trend, held=bool(held.alarm))
+        trend = past_limit(trend, held=bool(held.alarm))
     trend = altered(trend, limit_state=limit_state(trend, lost, held, config))
-    if not limit.beyond and trend.remaining_low < SOON and not concern(trend, config):
-        trend = _without_forecast(trend)  # it may be reached now, and is not beyond doubt
+    if (limit.beyond or trend.remaining_low < SOON) and not concern(trend, config):
+        trend = without_forecast(trend)  # it may be reached now, and is not beyond doubt
+    stop = stop_probability(trend, limit, straight, config, own=len(reference.weights) > 0)
+    trend = altered(trend, next_stop_probability=stop)
     return altered(trend, reason=_reason(trend)), present.fit
-
-
-def _beyond(trend: Trend, *, held: bool) -> Trend:
-    """Say of a level past its threshold that it is beyond it, unless it may not have moved.
-
-    Where the reference itself, within its doubt, is past the threshold, that tells nothing.
-    """
-    low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
-    if low <= 0.0 <= high and not (held or trend.share_lost > 0.0):
-        return altered(_without_forecast(trend), remaining_low=0.0, remaining_median=float("inf"))
-    return altered(trend, status=TrendStatus.BEYOND_THRESHOLD)
 
 
 def _with_line(trend: Trend, line: Line, fit: LawFit) -> Trend:
@@ -355,59 +359,6 @@ def _with_line(trend: Trend, line: Line, fit: LawFit) -> Trend:
         law=law.value,
         law_probability=probability,
         bends=fit.bends,
-    )
-
-
-def _with_life(trend: Trend, limit: Limit, config: AgingConfig) -> Trend:
-    """Add the remaining life and the service date; a date only where the life is bounded."""
-    life = limit.remaining
-    rate = trend.cycle_rate
-    ahead, date_ns = parse_stop(config.next_stop)
-    if date_ns:
-        ahead = 1e-9 * (date_ns - trend.stamp_ns) * rate
-    stop = trend.next_stop_probability
-    if limit.approach is not None and np.isfinite(ahead):
-        stop = limit.approach.before(ahead)
-    date = date_after(trend.stamp_ns, life.median, rate)
-    return altered(
-        trend,
-        next_stop_probability=stop,
-        threshold=limit.value,
-        warning=limit.warning,
-        unbounded=life.unbounded,
-        remaining_low=life.low,
-        remaining_median=life.median,
-        remaining_high=life.high,
-        service_date_known=date > 0 and not life.unbounded,
-        service_date_ns=date if not life.unbounded else 0,
-        service_date_early_ns=0 if life.unbounded else date_after(trend.stamp_ns, life.low, rate),
-    )
-
-
-def _is_sure(trend: Trend, limit: Limit, *, begun: bool) -> bool:
-    """Return whether there is a drift to the limit at all.
-
-    What lies past its limit beyond doubt needs no slope. A segment that was found (not `begun` by
-    a start or maintenance) does not go to a limit while the level lies beyond doubt on the other
-    side of the reference.
-    """
-    low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
-    way = way_percent(limit.value, trend.reference)
-    if limit.beyond and not low <= way <= high:
-        return True
-    farthest = high if limit.value > trend.reference else -low
-    return trend.p_value < FORECAST_SIGNIFICANCE and (begun or not farthest < 0.0)
-
-
-def _without_forecast(trend: Trend) -> Trend:
-    """Take the upper limit of the remaining life away, and the dates that rest on it."""
-    return altered(
-        trend,
-        unbounded=True,
-        remaining_high=float("inf") if np.isfinite(trend.threshold) else trend.remaining_high,
-        service_date_known=False,
-        service_date_ns=0,
-        service_date_early_ns=0,
     )
 
 

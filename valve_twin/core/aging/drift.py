@@ -119,6 +119,9 @@ class Reference:
         Its weights on the first good values of the present segment; empty where it shares none.
     count : int
         Good values of the present segment [1].
+    scale : float
+        Standard deviation of the scale of all changes against the level [1]: it moves a remaining
+        life, and no drift from one side of it to the other.
     """
 
     value: float
@@ -126,6 +129,7 @@ class Reference:
     variance: float = 0.0
     weights: FloatArray = field(default_factory=lambda: np.empty(0))
     count: int = 0
+    scale: float = 0.0
 
     def covariance(self, weights: FloatArray, variance: float, rho: float) -> float:
         """Return the covariance with something else that is linear in the same values [unit^2].
@@ -425,14 +429,16 @@ def _life_to(
     new = reference.value if np.isfinite(reference.value) else present.start
     toward = 1.0 if value >= new else -1.0
     fit = present.fit
+    moved, change = reference.scale * (fit.level - new), reference.scale * fit.change
+    shared = known.level - 2.0 * scale * known.level_reference
     approach = Approach(
         fit=fit,
         now=trend.axis_value,
         gap=toward * (fit.level - value),
         change=toward * fit.change,
-        var_gap=known.level - 2.0 * scale * known.level_reference + scale**2 * reference.variance,
-        cov=known.both - scale * known.change_reference,
-        var_change=known.change,
+        var_gap=shared + scale**2 * reference.variance + moved**2,
+        cov=known.both - scale * known.change_reference + moved * change,
+        var_change=known.change + change**2,
     )
     life = approach.remaining(confidence)
     limit = Limit(value, False, life, approach)
