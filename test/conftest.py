@@ -180,6 +180,31 @@ def transients_once(shared_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         monkeypatch.setattr(module, "run_transient", once(run_transient, shared_folder))
 
 
+@pytest.fixture(scope="module")
+def maps_once(shared_folder: Path) -> Generator[None]:
+    """Compute each map of fields once a run: those of worn sections take 4 s of CPU."""
+    from valve_twin.design import chain, doubt, map, wear
+
+    compute_map = map.compute_map
+
+    def counted(section: Any, grid: Any) -> tuple[Any, int]:
+        fields: list[int] = []
+        return compute_map(section, grid, lambda: fields.append(1)), len(fields)
+
+    shared = once(counted, shared_folder)
+
+    def ask(section: Any, grid: Any = None, advance: Callable[[], None] = lambda: None) -> Any:
+        found, fields = shared(section, grid)
+        for _ in range(fields):
+            advance()
+        return found
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (chain, doubt, map, wear):
+            patch.setattr(module, "compute_map", ask)
+        yield
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """Return the root of the repository."""

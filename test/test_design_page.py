@@ -17,7 +17,7 @@ from valve_twin.design.wear import compute_wear
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "design.md"
 GRID = MapGrid(currents=4, positions=4, fine=0.3)
-pytestmark = pytest.mark.usefixtures("transients_once")
+pytestmark = pytest.mark.usefixtures("transients_once", "maps_once")
 COARSE = {
     "map": ["--currents", "4", "--positions", "4", "--fine", "0.3"],
     "transient": ["--fine", "0.3", "--step", "4e-4"],

@@ -17,7 +17,7 @@ GRID = MapGrid(currents=4, positions=4, fine=0.3)
 
 
 QUICK = chain.Fidelity(GRID, fine=0.3, step=4e-4)
-pytestmark = pytest.mark.usefixtures("transients_once")
+pytestmark = pytest.mark.usefixtures("transients_once", "maps_once")
 
 
 def test_a_geometry_becomes_steps_of_its_valve():

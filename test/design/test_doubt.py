@@ -22,7 +22,7 @@ AT = np.array([[2.0, 0.3]]), np.array([3e-4])
 
 
 @pytest.fixture(scope="module")
-def doubts():
+def doubts(maps_once):
     curves = compute_map(NEW.section(), replace(GRID, currents=5))
     return curves, {of.name: of.change for of in compute_doubts(NEW, curves, GRID)}
 

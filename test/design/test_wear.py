@@ -21,7 +21,7 @@ GRID = MapGrid(currents=4, positions=4, fine=FINE)
 
 
 @pytest.fixture(scope="module")
-def found():
+def found(maps_once):
     seen = []
     wear = compute_wear(NEW, GRID, lambda: seen.append(1))
     return {w.name: w.change for w in wear}, len(seen)

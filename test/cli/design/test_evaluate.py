@@ -12,7 +12,7 @@ from valve_twin.cli import main
 from valve_twin.design import chain
 from valve_twin.design.map import MapGrid
 
-pytestmark = pytest.mark.usefixtures("transients_once")
+pytestmark = pytest.mark.usefixtures("transients_once", "maps_once")
 
 
 def test_it_prints_the_steps_and_draws_them(tmp_path, capsys, monkeypatch):

@@ -17,7 +17,7 @@ from valve_twin.design.map import MapGrid, compute_map, write_map
 from valve_twin.design.wear import compute_wear
 from valve_twin.io.config.valve import load_config
 
-pytestmark = pytest.mark.usefixtures("transients_once")
+pytestmark = pytest.mark.usefixtures("transients_once", "maps_once")
 
 
 @pytest.fixture(scope="module")

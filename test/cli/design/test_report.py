@@ -17,7 +17,7 @@ from valve_twin.design.search.tasks import DesignTask, Outcome
 FIGURES = {"rise_s": 3e-3, "settling_s": 6e-3, "graded_s": 6e-3, "overshoot": 0.02, "error": 0.001,
            "loss": 1.2,
            "heating": 10.0, "margin": 80.0}  # fmt: skip
-pytestmark = pytest.mark.usefixtures("transients_once")
+pytestmark = pytest.mark.usefixtures("transients_once", "maps_once")
 
 
 @pytest.fixture
