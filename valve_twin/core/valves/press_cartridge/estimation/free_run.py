@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.data.masks import held_recently
 from valve_twin.core.valves.press_cartridge.estimation.excitation import GuardOptions
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
@@ -17,10 +16,15 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     Stretch,
     search_pole,
 )
+from valve_twin.core.valves.press_cartridge.estimation.response.phases import (
+    Limits,
+    delayed,
+    mark_phases,
+)
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks
-    from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
+    from valve_twin.core.types import BoolArray, FloatArray, Frames
 
 _LONG_GAP = 10
 """A gap above this many samples is not bridged: the run starts again after it."""
@@ -30,9 +34,6 @@ _NOISE_MARGIN = 4.0
 
 SETTLE = 5
 """Samples after the last command that do not count as hold yet: the motion dies away."""
-
-_AWAY = 2
-"""Samples beyond the margin of a seat until the spool has left it."""
 
 _TAKE_OFF = 0.003
 """How far a spool is beside its model once it has left a seat [1], assumed: a part of a sample of
@@ -184,13 +185,15 @@ def lay_out(
     steps[long] = options.max_lag + 1
     index = np.concatenate((np.zeros(min(len(frames), 1), np.int64), np.cumsum(steps)))
     size = int(index[-1]) + 1 if len(index) else 0
-    source = np.searchsorted(index, np.arange(size), side="right") - 1
+    source = np.arange(size)
+    if size > len(index):  # periods are missing
+        source = np.searchsorted(index, source, side="right") - 1
     here = np.zeros(size, np.bool_)
     here[index] = True
     broken = np.zeros(size, np.bool_)
     broken[index[1:][long]] = True
     known = ~masks.bad & np.isfinite(frames.position)
-    position = _held(frames.position, known)
+    position = frames.position if known.all() else _held(frames.position, known)
     command = np.where(np.isfinite(frames.inputs), frames.inputs, 0.0)
     margin = options.seat_margin
     if np.isfinite(noise_sigma):
@@ -229,15 +232,7 @@ def acting_command(command: FloatArray, delay: float) -> FloatArray:
     delay : float
         Not negative [samples].
     """
-    lag = int(delay)
-    part = delay - lag
-    older = _older(command, lag)
-    return older if part == 0.0 else (1.0 - part) * older + part * _older(command, lag + 1)
-
-
-def _older(command: FloatArray, lag: int) -> FloatArray:
-    lag = min(lag, len(command))
-    return np.concatenate((np.full(lag, command[0]), command[: len(command) - lag]))
+    return np.asarray(delayed(command, float(delay)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,40 +287,19 @@ def find_phases(
         Samples after the last command that count as motion.
     """
     v_in, v_out = acting_command(run.v_in, delay), acting_command(run.v_out, delay)
-    near_low, near_high = _near_seats(run, options)
-    active = options.guard.active_command
-    driven_in, driven_out = v_in > active, v_out > active
-    seated = (near_low & ~driven_in) | (near_high & ~driven_out)
-    leaving, ends = _departures(seated, run)
-    anchor = np.zeros(len(v_in))
-    anchor[ends] = (_TAKE_OFF / run.noise_sigma) ** 2 if run.noise_sigma > 0.0 else np.inf
-    anchor[run.broken | run.stuck] = np.inf
-    anchor[1:][seated[1:] & ~seated[:-1]] = np.inf
-    moving = held_recently(driven_in | driven_out, settle)
-    return Phases(v_in, v_out, seated, ~(seated | run.stuck), anchor, moving, leaving)
-
-
-def _near_seats(run: Run, options: OutputErrorOptions) -> tuple[BoolArray, BoolArray]:
-    low: BoolArray = run.position <= options.lower_seat + run.margin
-    high: BoolArray = run.position >= options.upper_seat - run.margin
-    return low, high
-
-
-def _departures(seated: BoolArray, run: Run) -> tuple[BoolArray, IntArray]:
-    """Return the samples in which the spool leaves a seat, `_AWAY` more, and the last of each.
-
-    It has left where it is a margin from where it rested, which no offset of the position moves.
-    """
-    leaving = np.zeros(len(seated), np.bool_)
-    ends = []
-    for last in np.flatnonzero(seated[:-1] & ~seated[1:]).tolist():
-        away = seated[last + 1 :] | (
-            np.abs(run.position[last + 1 :] - run.position[last]) > run.margin
-        )
-        first = int(np.argmax(away)) if away.any() else len(away)
-        ends.append(min(last + 1 + first + _AWAY, len(seated)) - 1)
-        leaving[last + 1 : ends[-1]] = True
-    return leaving, np.array(ends, np.int64)
+    known = run.noise_sigma > 0.0
+    limits = Limits(
+        float(options.lower_seat + run.margin),
+        float(options.upper_seat - run.margin),
+        float(run.margin),
+        float(options.guard.active_command),
+        (_TAKE_OFF / run.noise_sigma) ** 2 if known else np.inf,
+        settle,
+    )
+    seated, free, moving, leaving, anchor = mark_phases(
+        run.position, run.stuck, run.broken, v_in, v_out, limits
+    )
+    return Phases(v_in, v_out, seated, free, anchor, moving, leaving)
 
 
 def fit_lag(

@@ -55,6 +55,7 @@ from valve_twin.core.valves.press_cartridge.estimation.response.accuracy import 
     systematic_halves,
     with_limits,
 )
+from valve_twin.core.valves.press_cartridge.estimation.whitened.inverse import inverse_of
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks
@@ -403,10 +404,7 @@ def fit_covariance(s: Solution, mse: float, fitted: IntArray) -> FloatArray:
     covariance = np.full((N_LINEAR + 1, N_LINEAR + 1), np.inf)
     fitted = fitted[np.diag(s.gram)[fitted] > 0.0]
     if len(fitted):
-        scale = np.sqrt(np.diag(s.gram)[fitted])
-        scaled = s.gram[np.ix_(fitted, fitted)] / np.outer(scale, scale)
-        inverse = np.linalg.pinv(scaled, hermitian=True) / np.outer(scale, scale)
-        covariance[np.ix_(fitted, fitted)] = mse * inverse
+        covariance[np.ix_(fitted, fitted)] = mse * inverse_of(s.gram, fitted)
     return covariance
 
 

@@ -28,15 +28,12 @@ from valve_twin.core.valves.press_cartridge.estimation.free_run import (
 from valve_twin.core.valves.press_cartridge.estimation.gains import (
     GainFit,
     PreparedCycle,
-    fit_covariance,
     gain_fit,
     prepare_cycle,
     refused_fit,
 )
 from valve_twin.core.valves.press_cartridge.estimation.kalman_kernel import (
     LOG_LOW,
-    restricted,
-    search_ratio,
 )
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
@@ -45,13 +42,15 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
 )
 from valve_twin.core.valves.press_cartridge.estimation.response.timing import find_timing
 from valve_twin.core.valves.press_cartridge.estimation.structure import check_structure
+from valve_twin.core.valves.press_cartridge.estimation.whitened.inverse import inverse_of
 from valve_twin.core.valves.press_cartridge.estimation.whitened.moments import (
-    cut_moment,
+    cut_moments,
     truncated_moments,
 )
 from valve_twin.core.valves.press_cartridge.estimation.whitened.ratio import (
     find_ratio,
-    spread_moments,
+    look_around,
+    moments_around,
 )
 
 if TYPE_CHECKING:
@@ -190,7 +189,7 @@ def pool_ratios(ratios: FloatArray) -> PooledRatio | None:
 class _Found:
     """What a search found: ratio alone and with the prior, the solution at the latter, its value.
 
-    The value is minus twice the log restricted likelihood, NaN where the search was the slow one.
+    The value is minus twice the log restricted likelihood, with the prior.
     """
 
     alone: float
@@ -212,16 +211,10 @@ class _Problem:
         """Return the noise ratio of greatest restricted likelihood, alone and with the prior."""
         p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
         options, columns = self.options, self.cycle.columns
-        if ratio < 0.0:
-            alone, found, pole, cost, rows, value = find_ratio(
-                self.data, options.v_max, columns, prior, options.pole, p, gram
-            )
-            if rows >= 0:
-                return _Found(alone, found, self._solution(pole, p, gram, cost, rows), value)
-        alone, found, pole, cost, rows = search_ratio(
+        alone, found, pole, cost, rows, value = find_ratio(
             self.data, options.v_max, columns, prior, options.pole, ratio, p, gram
         )
-        return _Found(alone, found, self._solution(pole, p, gram, cost, rows), np.nan)
+        return _Found(alone, found, self._solution(pole, p, gram, cost, rows), value)
 
     def covariance(self, found: _Found, prior: FloatArray, *, spread: bool) -> FloatArray:
         """Return the (6, 6) covariance, averaged over what the ratio may be.
@@ -230,60 +223,31 @@ class _Problem:
         certain, the leak of one cycle covered 91-92 % at sigma 1e-3, and 87 % where too small a
         ratio was found.
         """
-        mode = found.solution
+        mode, columns = found.solution, self.cycle.columns
         searched = self.options.pole < 0.0
-        fitted = np.flatnonzero(np.append(self.cycle.columns, searched and mode.pole > 0.0))
+        fitted = np.flatnonzero(np.append(columns, searched and mode.pole > 0.0))
+        own = np.empty((N_LINEAR + 1, N_LINEAR + 1))
+        variance = mode.cost / mode.rows
+        if not truncated_moments(mode.gram, fitted, variance, own):
+            own = _truncated(mode.gram, fitted, variance)
+        if not spread:
+            return own
         low, high = mode.pole, mode.pole
         if searched:
             low, high = max(mode.pole - _NEAR, 0.0), min(mode.pole + _NEAR, POLE_MAX)
-        center = np.log(max(found.ratio, np.exp(LOG_LOW)))
-        parts = np.empty((len(_SPREAD) + 1, N_LINEAR + 1, N_LINEAR + 1))
-        values = np.empty(len(parts))
-        fast = np.isfinite(found.value) and truncated_moments(
-            mode.gram, fitted, mode.cost / mode.rows, parts[-1]
-        )
-        if fast and spread:
-            values[-1] = found.value
-            fast = spread_moments(
-                self.data,
-                self.options.v_max,
-                self.cycle.columns,
-                (low, high),
-                center + _SPREAD,
-                mode.pole,
-                mode.linear,
-                prior,
-                values[:-1],
-                parts[:-1],
-            )
-        if not fast:
-            steps = np.append(_SPREAD, 0.0) if spread else np.zeros(1)
-            values, parts = self._slow_moments(mode, center + steps, prior, (low, high), fitted)
+        at = np.log(max(found.ratio, np.exp(LOG_LOW))) + _SPREAD
+        v_max, p = self.options.v_max, mode.linear
+        around = look_around(self.data, v_max, columns, prior, at, (low, high), mode.pole, p)
+        variances, moments, regular = moments_around(around, fitted, mode.pole, p, searched)
+        lanes = around[0]
+        if not regular:
+            for i, variance in enumerate(variances):
+                off = np.append(lanes.p[i] - p, lanes.pole[i] - mode.pole)
+                moments[i] = _truncated(lanes.gram[i], fitted, variance) + np.outer(off, off)
+        values = np.append(lanes.value, found.value)
         weight = np.exp(-0.5 * (values - values.min()))
-        return np.tensordot(weight / weight.sum(), parts, axes=1)
-
-    def _slow_moments(
-        self,
-        mode: Solution,
-        log_ratios: FloatArray,
-        prior: FloatArray,
-        limits: tuple[float, float],
-        fitted: IntArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return values and second moments about the mode for R ratios: (R,), (R, 6, 6)."""
-        columns, v_max = self.cycle.columns, self.options.v_max
-        middle = np.append(mode.linear, mode.pole)
-        values, parts = [], []
-        for at in log_ratios:
-            p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
-            value, pole, cost, rows = restricted(
-                self.data, v_max, np.exp(at), columns, prior, *limits, mode.pole, p, gram
-            )
-            s = self._solution(pole, p, gram, cost, rows)
-            off = np.append(p, pole) - middle
-            values.append(value)
-            parts.append(_truncated(s, fitted) + np.outer(off, off))
-        return np.array(values), np.array(parts)
+        weight /= weight.sum()
+        return np.asarray(np.tensordot(weight[:-1], moments, axes=1) + weight[-1] * own)
 
     def _solution(
         self, pole: float, p: FloatArray, gram: FloatArray, cost: float, rows: int
@@ -295,21 +259,14 @@ class _Problem:
         return Solution(pole, p, gram, columns, unbiased, max(rows, 1), float("nan"), mean)
 
 
-def _truncated(s: Solution, fitted: IntArray) -> FloatArray:
+def _truncated(gram: FloatArray, fitted: IntArray, variance: float) -> FloatArray:
     """Return as `truncated_moments` where the equations may be singular: (6, 6)."""
-    fitted = fitted[np.diag(s.gram)[fitted] > 0.0]
-    moments = fit_covariance(s, s.cost / s.rows, fitted)
-    scale = np.sqrt(np.diag(s.gram)[fitted])
-    scaled = s.gram[np.ix_(fitted, fitted)] / np.outer(scale, scale)
-    free = np.zeros(N_LINEAR + 1)
-    free[fitted] = np.linalg.pinv(scaled, hermitian=True) @ (s.gram[fitted, -1] / scale) / scale
-    for k in fitted[fitted < N_LINEAR]:
-        variance = float(moments[k, k])
-        if not 0.0 < variance < np.inf:
-            continue
-        share = cut_moment(free[k] / np.sqrt(variance))
-        column = np.where(np.isfinite(moments[k]), moments[k], 0.0)
-        moments = moments + (share - 1.0) / variance * np.outer(column, column)
+    fitted = fitted[np.diag(gram)[fitted] > 0.0]
+    moments = np.full((N_LINEAR + 1, N_LINEAR + 1), np.inf)
+    inverse = inverse_of(gram, fitted)
+    free = inverse @ gram[fitted, -1]
+    cut_moments(inverse, variance, fitted, free)
+    moments[np.ix_(fitted, fitted)] = inverse
     return moments
 
 

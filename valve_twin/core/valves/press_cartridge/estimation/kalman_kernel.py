@@ -336,7 +336,7 @@ def search_ratio(
     fixed_ratio: float,
     p: FloatArray,
     gram: FloatArray,
-) -> tuple[float, float, float, float, int]:
+) -> tuple[float, float, float, float, int, float]:
     """Find noise ratio, pole and parameters.
 
     The ratio maximises the restricted likelihood, which counts the parameters that were fitted:
@@ -362,7 +362,8 @@ def search_ratio(
     Returns
     -------
     tuple
-        The ratio found from this cycle alone, the ratio with the prior, then pole, cost and rows.
+        The ratio found from this cycle alone, the ratio with the prior, then pole, cost, rows and
+        minus twice the log restricted likelihood, without the prior.
     """
     low, high = (0.0, POLE_MAX) if fixed_pole < 0.0 else (fixed_pole, fixed_pole)
     nothing = np.zeros(2)
@@ -408,5 +409,7 @@ def search_ratio(
                 gram,
             )
     ratio = 0.0 if fixed_ratio == 0.0 or center <= LOG_LOW else np.exp(center)
-    _, pole, cost, rows = restricted(data, v_max, ratio, columns, prior, low, high, -1.0, p, gram)
-    return 0.0 if alone <= LOG_LOW else np.exp(alone), ratio, pole, cost, rows
+    value, pole, cost, rows = restricted(
+        data, v_max, ratio, columns, nothing, low, high, -1.0, p, gram
+    )
+    return 0.0 if alone <= LOG_LOW else np.exp(alone), ratio, pole, cost, rows, value

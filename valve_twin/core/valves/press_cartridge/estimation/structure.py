@@ -18,6 +18,7 @@ import numpy as np
 
 from valve_twin.core.types import Guard
 from valve_twin.core.valves.press_cartridge.estimation.kalman_kernel import absorb
+from valve_twin.core.valves.press_cartridge.estimation.whitened.moments import invert
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
@@ -187,10 +188,12 @@ def _splits(
 
 def _median(values: FloatArray, weight: FloatArray) -> float:
     """Return the weighted median."""
+    weighty = weight > 0.0
+    if not weighty.any():
+        return float("nan")
+    values, weight = values[weighty], weight[weighty]
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weight[order])
-    if not total[-1] > 0.0:
-        return float("nan")
     return float(values[order[np.searchsorted(total, 0.5 * total[-1])]])
 
 
@@ -201,9 +204,11 @@ def _second_value(gram: FloatArray, size: int, column: int, rows: int) -> tuple[
     scaled = gram / np.outer(scale, scale)
     chosen = [*range(size), column]
     matrix = scaled[np.ix_(chosen, chosen)]
-    if np.linalg.cond(matrix) > 1e12:
-        return float("nan"), float("nan")
-    inverse = np.linalg.inv(matrix)
+    inverse = np.empty_like(matrix)
+    if not invert(matrix, np.arange(len(chosen)), inverse):
+        if np.linalg.cond(matrix) > 1e12:
+            return float("nan"), float("nan")
+        inverse = np.linalg.inv(matrix)
     solution = inverse @ scaled[chosen, -1]
     cost = max(1.0 - float(solution @ scaled[chosen, -1]), 0.0) * float(gram[-1, -1])
     variance = cost / max(rows - len(chosen), 1)

@@ -21,8 +21,10 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_LINEAR,
 )
 from valve_twin.core.valves.press_cartridge.estimation.whitened.ratio import (
+    find_in_lanes,
     find_ratio,
-    spread_moments,
+    look_around,
+    moments_around,
 )
 
 OPTIONS = OutputErrorOptions()
@@ -54,7 +56,7 @@ def test_nothing_better_is_found_by_going_through_everything(sigma, prior):
     decided = 0
     for seed in range(6):
         data = data_of(sigma, seed)
-        found = find_ratio(data, V_MAX, ALL, prior, -1.0, *arrays())
+        found = find_in_lanes(data, V_MAX, ALL, prior, -1.0, *arrays())
         slow = search_ratio(data, V_MAX, ALL, prior, -1.0, -1.0, *arrays())
         if found[4] < 0:
             continue
@@ -65,9 +67,18 @@ def test_nothing_better_is_found_by_going_through_everything(sigma, prior):
     assert decided >= 3
 
 
+def test_what_lanes_leave_is_searched_slowly():
+    """Of exact data every ratio is as good; the slow search says what it always said."""
+    data = data_of(1e-3, 0)
+    still = data._replace(y=np.full(len(data.y), 0.5))
+    found = find_ratio(still, V_MAX, ALL, np.zeros(2), -1.0, -1.0, *arrays())
+    assert found[4] == find_ratio(data, V_MAX, ALL, np.zeros(2), -1.0, 0.1, *arrays())[4]
+    assert found[:5] == search_ratio(still, V_MAX, ALL, np.zeros(2), -1.0, -1.0, *arrays())[:5]
+
+
 def test_a_given_pole_stays():
     data = data_of(1e-5, 1)
-    found = find_ratio(data, V_MAX, ALL, np.zeros(2), 0.4, *arrays())
+    found = find_in_lanes(data, V_MAX, ALL, np.zeros(2), 0.4, *arrays())
     slow = search_ratio(data, V_MAX, ALL, np.zeros(2), 0.4, -1.0, *arrays())
     assert found[2] == 0.4
     assert np.log(found[0]) == pytest.approx(np.log(slow[0]), abs=0.02)
@@ -76,19 +87,20 @@ def test_a_given_pole_stays():
 def test_data_without_noise_are_left_to_the_slow_search():
     data = data_of(1e-3, 0)
     still = data._replace(y=np.full(len(data.y), 0.5))
-    assert find_ratio(still, V_MAX, ALL, np.zeros(2), -1.0, *arrays())[4] < 0
+    assert find_in_lanes(still, V_MAX, ALL, np.zeros(2), -1.0, *arrays())[4] < 0
 
 
 def test_moments_about_the_ratio_are_those_of_its_neighbours():
     data, prior = data_of(1e-5, 1), np.zeros(2)
     p, gram = arrays()
-    _, ratio, pole, _, rows, value = find_ratio(data, V_MAX, ALL, prior, -1.0, p, gram)
+    _, ratio, pole, _, rows, value = find_in_lanes(data, V_MAX, ALL, prior, -1.0, p, gram)
     assert rows > 0
     assert value == pytest.approx(slow_value(data, prior, ratio, pole), abs=5e-3)
-    values, moments = np.zeros(8), np.zeros((8, 6, 6))
     log_ratio = np.log(ratio) + np.linspace(0.5, 2.0, 8)
-    limits = (0.0, 0.98)
-    assert spread_moments(data, V_MAX, ALL, limits, log_ratio, pole, p, prior, values, moments)
+    around = look_around(data, V_MAX, ALL, prior, log_ratio, (0.0, 0.98), pole, p)
     expected = [slow_value(data, prior, np.exp(at), pole) for at in log_ratio]
-    assert values == pytest.approx(expected, abs=5e-3)
+    assert around[0].value == pytest.approx(expected, abs=5e-3)
+    variance, moments, regular = moments_around(around, np.arange(6), pole, p, True)
+    assert regular
+    assert variance == pytest.approx(np.full(8, variance.mean()), rel=1.0)
     assert (np.diagonal(moments, axis1=1, axis2=2) > 0.0).all()

@@ -23,6 +23,7 @@ import numpy as np
 
 from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import N_LINEAR
+from valve_twin.core.valves.press_cartridge.estimation.whitened.inverse import inverse_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -124,8 +125,5 @@ def _by_time(s: Solution) -> FloatArray:
     moves = np.zeros(N_LINEAR)
     fitted = np.flatnonzero((s.linear > 0.0) & (np.diag(s.gram)[:N_LINEAR] > 0.0))
     if len(fitted):
-        scale = np.sqrt(np.diag(s.gram)[fitted])
-        scaled = s.gram[np.ix_(fitted, fitted)] / np.outer(scale, scale)
-        pull = s.gram[fitted, N_LINEAR] / scale
-        moves[fitted] = -(np.linalg.pinv(scaled, hermitian=True) @ pull) / scale
+        moves[fitted] = -(inverse_of(s.gram, fitted) @ s.gram[fitted, N_LINEAR])
     return moves * (1.0 - s.pole) ** 2

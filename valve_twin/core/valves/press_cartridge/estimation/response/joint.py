@@ -43,7 +43,6 @@ _FOUND = 1e-8  # of twice the log likelihood that a step gains
 _HOPELESS = 4.0  # times the gain of a step that leave a search behind the best
 _STARTS = (-0.8, -0.4, -0.17, -0.06, 0.06, 0.2, 0.5)  # about the lag [samples]
 _WHOLE = 0.05  # a delay nearer to the lag is compared with it [samples]
-_LEAST_POLE = 1e-6  # no cycle tells it from none, which is a bound [1]
 _SINGULAR = 1e-12  # relative pivot below which a step cannot be told
 
 
@@ -244,7 +243,7 @@ def _advance(cycle: Cycle, s: Searches, i: int, rows: int, log_determinant: floa
         low = 0.0, max(s.low[i] - s.part[i], -_LARGEST_PART)
         high = 0.0, min(s.high[i] - s.part[i], _LARGEST_PART)
         if cycle.searched:
-            low = max(_LEAST_POLE - s.pole[i], -_LARGEST_POLE), low[1]
+            low = max(-s.pole[i], -_LARGEST_POLE), low[1]
             high = min(POLE_MAX - s.pole[i], _LARGEST_POLE), high[1]
         first, second = _step(matrix, side, low, high)
         s.step_pole[i], s.step_part[i] = first, second
@@ -261,7 +260,7 @@ def _advance(cycle: Cycle, s: Searches, i: int, rows: int, log_determinant: floa
 def _shifted(pole: float, samples: float) -> float:
     """Return the pole whose mean time is so much longer [samples]."""
     mean = max(pole / (1.0 - pole) + samples, 0.0)
-    return min(max(mean / (1.0 + mean), _LEAST_POLE), POLE_MAX)
+    return min(mean / (1.0 + mean), POLE_MAX)
 
 
 @njit(cache=True)

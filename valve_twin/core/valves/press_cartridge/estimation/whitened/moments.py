@@ -110,8 +110,46 @@ def cut_moment(level: float) -> float:
 
 
 @njit(cache=True)
-def _invert(gram: FloatArray, which: IntArray, inverse: FloatArray) -> bool:
-    """Write the inverse of some rows and columns; tell whether they are regular."""
+def cut_moments(moments: FloatArray, variance: float, which: IntArray, free: FloatArray) -> None:
+    """Turn inverse normal equations into second moments of parameters that are not negative.
+
+    Parameters
+    ----------
+    moments : (F, F) array
+        The inverse, overwritten [1].
+    variance : float
+        Of a residual [1].
+    which : (F,) int64 array
+        Columns, the pole as column 5.
+    free : (F,) array
+        Solution without signs [1].
+    """
+    moments *= variance
+    column = np.zeros(len(moments))
+    for i in range(len(moments)):
+        own = moments[i, i]
+        if which[i] >= N_LINEAR or not 0.0 < own < np.inf:
+            continue
+        share = (cut_moment(free[i] / np.sqrt(own)) - 1.0) / own
+        column[:] = moments[i]
+        for j in range(len(moments)):
+            for k in range(len(moments)):
+                moments[j, k] += share * column[j] * column[k]
+
+
+@njit(cache=True)
+def invert(gram: FloatArray, which: IntArray, inverse: FloatArray) -> bool:
+    """Write the inverse of some rows and columns; tell whether they are regular.
+
+    Parameters
+    ----------
+    gram : (P, P) array
+        Positive semidefinite [1].
+    which : (F,) int64 array
+        Rows and columns; none of them is zero.
+    inverse : (F, F) array
+        Overwritten [1].
+    """
     count = len(which)
     scale = np.zeros(count)
     for i in range(count):
@@ -171,30 +209,14 @@ def truncated_moments(
             which[count] = k
             count += 1
     inverse = np.zeros((count, count))
-    if not _invert(gram, which[:count], inverse):
+    if not invert(gram, which[:count], inverse):
         return False
     free = np.zeros(count)
     for i in range(count):
         for j in range(count):
             free[i] += inverse[i, j] * gram[which[j], -1]
-    _cut(inverse, variance, which, free)
+    cut_moments(inverse, variance, which, free)
     for i in range(count):
         for j in range(count):
             moments[which[i], which[j]] = inverse[i, j]
     return True
-
-
-@njit(cache=True)
-def _cut(moments: FloatArray, variance: float, which: IntArray, free: FloatArray) -> None:
-    """Turn inverse normal equations into second moments of parameters that are not negative."""
-    moments *= variance
-    column = np.zeros(len(moments))
-    for i in range(len(moments)):
-        own = moments[i, i]
-        if which[i] >= N_LINEAR or not 0.0 < own < np.inf:
-            continue
-        share = (cut_moment(free[i] / np.sqrt(own)) - 1.0) / own
-        column[:] = moments[i]
-        for j in range(len(moments)):
-            for k in range(len(moments)):
-                moments[j, k] += share * column[j] * column[k]

@@ -14,7 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.valves.press_cartridge.estimation.kalman_kernel import LOG_LOW
+from valve_twin.core.valves.press_cartridge.estimation.kalman_kernel import (
+    LOG_LOW,
+    restricted,
+    search_ratio,
+)
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_LINEAR,
     POLE_MAX,
@@ -37,7 +41,7 @@ from valve_twin.core.valves.press_cartridge.estimation.whitened.rounds import (
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import BoolArray, FloatArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _FIRST_POLES = (0.1, 0.3, 0.5, 0.7, 0.9)
 _FIRST_STEP = 24.0 / 7.0  # from exp(-14) to exp(10)
@@ -163,22 +167,74 @@ def find_ratio(
     columns: BoolArray,
     prior: FloatArray,
     fixed_pole: float,
+    fixed_ratio: float,
     p: FloatArray,
     gram: FloatArray,
 ) -> tuple[float, float, float, float, int, float]:
-    """Find noise ratio, pole and parameters as `kalman_kernel.search_ratio`.
+    """Find noise ratio, pole and parameters, where it can be in lanes.
 
     Parameters
     ----------
-    data, v_max, columns, prior, fixed_pole, p, gram
-        As `kalman_kernel.search_ratio` takes them.
+    data : Stretch
+        N samples [1].
+    v_max : float
+        Greatest command [1].
+    columns : (5,) bool array
+        Parameters that are fitted.
+    prior : (2,) array
+        Mean and inverse variance of the logarithm of the ratio from other cycles; 0 = nothing [1].
+    fixed_pole, fixed_ratio : float
+        Taken as they are where not negative [1].
+    p, gram : (5,), (7, 7) arrays
+        Results, with the sensitivity to the pole [1].
 
     Returns
     -------
     tuple
-        The ratio found from this cycle alone, the ratio with the prior, then pole, cost, rows and
-        minus twice the log restricted likelihood; the rows are negative where the slow search has
-        to decide.
+        As `kalman_kernel.search_ratio`, but the restricted likelihood is that with the prior.
+    """
+    if fixed_ratio < 0.0:
+        found = find_in_lanes(data, v_max, columns, prior, fixed_pole, p, gram)
+        if found[4] >= 0:
+            return found
+    alone, ratio, pole, cost, rows, value = search_ratio(
+        data, v_max, columns, prior, fixed_pole, fixed_ratio, p, gram
+    )
+    value += prior[1] * (np.log(max(ratio, np.exp(LOG_LOW))) - prior[0]) ** 2
+    return alone, ratio, pole, cost, rows, value
+
+
+@njit(cache=True)
+def find_in_lanes(
+    data: Stretch,
+    v_max: float,
+    columns: BoolArray,
+    prior: FloatArray,
+    fixed_pole: float,
+    p: FloatArray,
+    gram: FloatArray,
+) -> tuple[float, float, float, float, int, float]:
+    """Find noise ratio, pole and parameters in lanes.
+
+    Parameters
+    ----------
+    data : Stretch
+        N samples [1].
+    v_max : float
+        Greatest command [1].
+    columns : (5,) bool array
+        Parameters that are fitted.
+    prior : (2,) array
+        Mean and inverse variance of the logarithm of the ratio from other cycles; 0 = nothing [1].
+    fixed_pole : float
+        Taken as it is where not negative [1].
+    p, gram : (5,), (7, 7) arrays
+        Results, with the sensitivity to the pole [1].
+
+    Returns
+    -------
+    tuple
+        As `find_ratio`; the rows are negative where the slow search has to decide.
     """
     low, high = (0.0, POLE_MAX) if fixed_pole < 0.0 else (fixed_pole, fixed_pole)
     problem = Problem(pack_rows(data), v_max, columns, low, high)
@@ -218,19 +274,17 @@ def find_ratio(
 
 
 @njit(cache=True)
-def spread_moments(
+def look_around(
     data: Stretch,
     v_max: float,
     columns: BoolArray,
-    limits: tuple[float, float],
+    prior: FloatArray,
     log_ratio: FloatArray,
+    limits: tuple[float, float],
     pole: float,
     p: FloatArray,
-    prior: FloatArray,
-    values: FloatArray,
-    moments: FloatArray,
-) -> bool:
-    """Write what eight ratios about the one found say of the parameters; tell whether they can.
+) -> tuple[Lanes, int]:
+    """Return what eight ratios show, each with its pole, and the rows; values hold the prior.
 
     Parameters
     ----------
@@ -240,20 +294,16 @@ def spread_moments(
         Greatest command [1].
     columns : (5,) bool array
         Parameters that are fitted.
-    limits : (float, float)
-        Of the pole; equal = it is given [1].
+    prior : (2,) array
+        See `kalman_kernel.search_ratio` [1].
     log_ratio : (8,) array
         Logarithms of the ratios [1].
+    limits : (float, float)
+        Of the pole; equal = it is given [1].
     pole : float
-        Of the ratio that was found [1].
+        Where the search of the poles begins [1].
     p : (5,) array
-        Its parameters [1].
-    prior : (2,) array
-        See `find_ratio`.
-    values : (8,) array
-        Overwritten with minus twice the log restricted likelihood of each [1].
-    moments : (8, 6, 6) array
-        Overwritten with the second moments about what was found [1].
+        Parameters there [1].
     """
     lanes = new_lanes()
     problem = Problem(pack_rows(data), v_max, columns, limits[0], limits[1])
@@ -261,16 +311,52 @@ def spread_moments(
     lanes.pole[:] = pole
     lanes.p[:] = p
     rows = settle(problem, lanes, _FOUND_ON_WAY)
-    if rows < _LEAST_ROWS:
-        return False
-    searched = limits[1] > limits[0]
-    fitted = np.flatnonzero(np.append(columns, searched and pole > 0.0))
     for i in range(LANES):
-        values[i] = _with_prior(lanes, prior, i)
+        if rows >= _LEAST_ROWS:
+            lanes.value[i] = _with_prior(lanes, prior, i)
+            continue
+        lanes.value[i], lanes.pole[i], lanes.cost[i], count = restricted(
+            data,
+            v_max,
+            np.exp(log_ratio[i]),
+            columns,
+            prior,
+            limits[0],
+            limits[1],
+            pole,
+            lanes.p[i],
+            lanes.gram[i],
+        )
+        rows = -1 - count
+    return lanes, rows if rows >= 0 else -1 - rows
+
+
+@njit(cache=True)
+def moments_around(
+    around: tuple[Lanes, int], fitted: IntArray, pole: float, p: FloatArray, searched: bool
+) -> tuple[FloatArray, FloatArray, bool]:
+    """Return variances (8,) and second moments (8, 6, 6) about a solution; whether regular.
+
+    Parameters
+    ----------
+    around : (Lanes, int)
+        What `look_around` found.
+    fitted : (F,) int64 array
+        Columns that were fitted, the pole as column 5.
+    pole : float
+        Of the solution [1].
+    p : (5,) array
+        Its parameters [1].
+    searched : bool
+        Whether the pole was fitted.
+    """
+    lanes, rows = around
+    variance, moments = np.empty(LANES), np.empty((LANES, N_LINEAR + 1, N_LINEAR + 1))
+    regular = True
+    for i in range(LANES):
         count = np.count_nonzero(lanes.p[i]) + searched
-        variance = lanes.cost[i] / max(rows - count, 1)
-        if not truncated_moments(lanes.gram[i], fitted, variance, moments[i]):
-            return False
+        variance[i] = lanes.cost[i] / max(rows - count, 1)
+        regular &= truncated_moments(lanes.gram[i], fitted, variance[i], moments[i])
         off = np.append(lanes.p[i] - p, lanes.pole[i] - pole)
         moments[i] += np.outer(off, off)
-    return True
+    return variance, moments, regular
