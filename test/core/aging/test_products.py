@@ -11,8 +11,7 @@ from valve_twin.core.aging import AgingConfig, assess
 from valve_twin.core.aging.config import Axis, Threshold
 from valve_twin.core.aging.products import same_product
 from valve_twin.core.aging.series import order_history, series_of
-from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding
-from valve_twin.core.diagnosis.products import CLOCK
+from valve_twin.core.diagnosis.changes.finding import CLOCK, Diagnosis, Finding
 from valve_twin.core.types import Condition, Estimate, EstimateStatus, Parameter, ParameterValue
 
 CYCLES = 50

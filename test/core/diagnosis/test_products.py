@@ -45,6 +45,23 @@ def test_durations_that_scatter_are_one_product_and_a_pause_is_none():
         assert len(set(found.tolist()) - {-1}) == 1
 
 
+def test_programs_that_differ_by_less_than_a_hundredth_are_two_where_a_gap_is_clear():
+    jitter = 0.04 * (np.arange(40) % 3 == 0)  # a sample more or less
+    durations = np.where(np.arange(40) < 15, 13.32, 13.16) + jitter
+    assert products(durations).tolist() == [1] * 15 + [0] * 25
+    assert products(durations[:18]).tolist() == [0] * 15 + [-1] * 3  # too few yet to be one
+    assert set(products(8.0 + jitter).tolist()) == {0}
+
+
+def test_pauses_are_no_durations_that_differ_at_will():
+    durations = np.full(28, 13.4)
+    durations[[8, 20, 22, 25]] = 40.0, 47.0, 45.0, 26.0
+    durations[[23, 24, 26, 27]] = 13.2, 12.7, 12.7, 12.7  # another product has just begun
+    found = products(durations)
+    assert set(found[:8].tolist()) == {0}
+    assert set(found[23:].tolist()) == {-1}
+
+
 @pytest.mark.parametrize("rate", [350e-6, -280e-6])
 def test_clocks_apart_are_found_by_their_rate(table, rate):
     noise = 1e-3 * np.random.default_rng(3).standard_normal((2, 40))

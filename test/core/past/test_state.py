@@ -11,12 +11,11 @@ from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.series import order_history
 from valve_twin.core.aging.verdict import TrendStatus
-from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding
+from valve_twin.core.diagnosis.changes.finding import CLOCK, Diagnosis, Finding
 from valve_twin.core.diagnosis.direct.bounds import OFF_SEAT, WEAK_SMALL
 from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED
 from valve_twin.core.diagnosis.features import DELAYS
 from valve_twin.core.diagnosis.history import diagnose
-from valve_twin.core.diagnosis.products import CLOCK
 from valve_twin.core.diagnosis.table import with_floor
 from valve_twin.core.past.columns import past_of
 from valve_twin.core.past.state import FINDINGS, FIRST, FIRST_FEATURES, AgingState

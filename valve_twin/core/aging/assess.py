@@ -8,7 +8,7 @@ what one says that has been running all the time. Times are the data's own; no c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +32,7 @@ from valve_twin.core.aging.limits.forecast import (
     with_life,
     without_forecast,
 )
+from valve_twin.core.aging.limits.hidden import clocks_beside, with_hidden
 from valve_twin.core.aging.limits.states import (
     held_limits,
     limit_state,
@@ -56,7 +57,6 @@ from valve_twin.core.aging.verdict import (
     Trend,
     TrendStatus,
     Verdict,
-    VerdictKind,
     concern,
     decide,
     describe_remaining,
@@ -64,8 +64,7 @@ from valve_twin.core.aging.verdict import (
 )
 from valve_twin.core.diagnosis.changes.finding import CLOCK, NOTHING, Diagnosis
 from valve_twin.core.diagnosis.checks import begun_anew, failed_checks
-from valve_twin.core.diagnosis.hidden import hidden_in
-from valve_twin.core.diagnosis.history import describe_finding, diagnose
+from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.diagnosis.refused import refused_lately
 from valve_twin.core.past.state import state_of
 from valve_twin.core.types import Parameter
@@ -197,18 +196,12 @@ def assess(
         fault=diagnosis.present,
         stale=refused_lately(past),
         doubt=diagnosis.doubt,
-        failed="; ".join(filter(None, (_clocks_beside(diagnosis), diagnosis.against, failed))),
+        failed="; ".join(filter(None, (clocks_beside(diagnosis), diagnosis.against, failed))),
         since=_first_compared(ordered, maintenance),
     )
     verdict = held_back(verdict, diagnosis.departs, cycle=diagnosis.newest)
-    if verdict.kind is VerdictKind.OK and (hidden := hidden_in(past)):
-        verdict = replace(verdict, evidence=f"{verdict.evidence}; {hidden}")
+    verdict = with_hidden(verdict, past)
     return Assessment(trends, verdict, tuple(detail for _, detail in results), diagnosis)
-
-
-def _clocks_beside(diagnosis: Diagnosis) -> str:
-    """Return that clocks run apart beside the fault that is told, or ""."""
-    return f"beside it {describe_finding(diagnosis.clocks)}" if diagnosis.clocks else ""
 
 
 def _first_compared(history: History, maintenance: Sequence[Maintenance]) -> int:

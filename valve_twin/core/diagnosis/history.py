@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from valve_twin.core.diagnosis.changes.elsewhere import Elsewhere, followed
-from valve_twin.core.diagnosis.changes.finding import NOTHING, UNKNOWN, Diagnosis, Finding
+from valve_twin.core.diagnosis.changes.across import doubt_across, doubt_of_product
+from valve_twin.core.diagnosis.changes.elsewhere import Elsewhere, followed_by
+from valve_twin.core.diagnosis.changes.finding import CLOCK, NOTHING, UNKNOWN, Diagnosis, Finding
 from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
@@ -21,7 +22,7 @@ from valve_twin.core.diagnosis.generic.naming import explained_in, renamed
 from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
 from valve_twin.core.diagnosis.given.judged import judged, without_first
-from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products
+from valve_twin.core.diagnosis.products import clocks_apart, products
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still, with_still
 from valve_twin.core.diagnosis.table import BY_NAME, PAIRS, partner
@@ -45,9 +46,6 @@ _WEAK = "dead_band"
 _NEAR = 5
 """Cycles behind one whose signals cannot be what is configured in which nothing is said of noise:
 where clocks slip, a position is not at rest when the commands are (assumed)."""
-
-_UNKNOWN = 2
-"""Newest cycles in a row of no known product that are no accident, such as a pause."""
 
 _LATELY = 8
 """Newest cycles whose products must all have a reference: recipes may alternate."""
@@ -84,26 +82,31 @@ def diagnose(
     found = search(past, maintenance, known).diagnosis
     if found is NOTHING:
         return NOTHING
-    doubt = found.doubt or _doubt_of_product(_products_of(_once_a_cycle(past.features)))
+    doubt = found.doubt or doubt_of_product(products_of(_once_a_cycle(past.features)))
     found = replace(found, findings=with_still(found.findings, still(past)), doubt=doubt)
     since = max((m.cycle for m in maintenance), default=0)
     return _given(found, past, since, reference, valve) if reference else found
 
 
+def followed(past: Past) -> tuple[ValveModel, SignatureTable, Rows] | None:
+    """Return the model of features, its signatures, and the cycles; None = there are none."""
+    return _followed(_once_a_cycle(past.features))
+
+
 def followed_features(past: Past) -> Rows | None:
     """Return the features in which faults can be seen, a cycle a row; None = there are none."""
-    followed = _followed(_once_a_cycle(past.features))
-    return None if followed is None else followed[2]
+    known = followed(past)
+    return None if known is None else known[2]
 
 
 def _given(
     found: Diagnosis, past: Past, since: int, reference: FeatureReference, valve: str
 ) -> Diagnosis:
     """Return a diagnosis and what a stored reference says since the last maintenance."""
-    followed = _followed(_once_a_cycle(past.features if past.whole is None else past.whole))
-    if followed is None:
+    known = _followed(_once_a_cycle(past.features if past.whole is None else past.whole))
+    if known is None:
         return found
-    model, table, shown = followed
+    model, table, shown = known
     if why := without_first(past, since):
         return replace(found, against=f"{reference.text} says nothing: {why}")
     return judged(found, shown, since, model, table, reference, valve)
@@ -140,15 +143,16 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
         What was found before: saves time and changes nothing.
     """
     known = known or Known()
-    followed = _followed(_once_a_cycle(past.features))
-    if followed is None:
+    named = followed(past)
+    if named is None:
         return Searched(NOTHING)
-    model, table, shown = followed
+    model, table, shown = named
+    any_valve = model.feature_set.of_any_valve
     cycles = shown.cycle
     vectors = known.vectors(shown, model.feature_set)
     restarts = [m.cycle for m in maintenance]
     settled = past.settled or _NONE
-    product = _products_of(shown)
+    product = products_of(shown)
     found: list[Finding] = []
     ready, doubt, far, newest = False, "", 0.0, 0
     config = detection_of(model.feature_set)
@@ -167,10 +171,10 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
             judged=settled.judged,
             memory=of,
         )
-        if model.feature_set.of_any_valve and part.findings:
+        if any_valve and part.findings:
             of_cycles = (cycles[own], steady, explained_in(shown)[own])
-            named = renamed(part.findings, *of_cycles, table, config, restarts)
-            part = replace(part, findings=named)
+            own_names = renamed(part.findings, *of_cycles, table, config, restarts)
+            part = replace(part, findings=own_names)
         then = [
             _marked(f, _elsewhere(f, cycles, vectors, product, number, model), cycles, restarts)
             for f in part.findings
@@ -189,6 +193,10 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
             doubt = doubt or doubt_of(
                 cycles[own][kept], steady[kept], table, config, others=others
             )
+    known_since = slice(since, None)
+    doubt = doubt or doubt_across(
+        cycles[known_since], vectors[known_since], product[known_since], model.feature_set
+    )
     stopped = settled.stopped and _holds(settled, restarts)
     if stopped:  # until maintenance
         next_ = min((c for c in restarts if c > settled.judged), default=np.inf)
@@ -202,7 +210,7 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
         clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table, begins=first)
         found += [clock] if clock else []
     direct: list[Finding] = []
-    if not model.feature_set.of_any_valve:
+    if not any_valve:
         values = _direct_values(shown)
         asked = [f in settled.direct for f in settled.findings]
         before = [
@@ -277,7 +285,7 @@ def _elsewhere(
     if finding.end >= 0:
         return finding, ""
     own, known = product == number, product >= 0
-    then = followed(cycles, vectors, own, finding.onset, known, model.feature_set)
+    then = followed_by(cycles, vectors, own, finding.onset, known, model.feature_set)
     if then.state is Elsewhere.THERE:
         return finding, ""
     doubt = (
@@ -337,17 +345,9 @@ def _holds(settled: Settled, restarts: Sequence[int]) -> bool:
     return any(f.end < 0 and not any(c > f.onset for c in marks) for f in by_signature)
 
 
-def _products_of(shown: Rows) -> IntArray:
+def products_of(shown: Rows) -> IntArray:
     """Return which product each of some cycles makes, -1 = not known."""
     return products(np.asarray((shown.end_ns - shown.start_ns) * 1e-9, np.float64))
-
-
-def _doubt_of_product(product: IntArray) -> str:
-    """Return that the newest cycles were compared with nothing: their product is not known yet."""
-    unknown = int(np.argmax(np.append(product[::-1] >= 0, True)))
-    if unknown < _UNKNOWN:
-        return ""
-    return f"no reference yet: the newest {unknown} cycles are of no product that is known"
 
 
 def _is_slip(finding: Finding, apart: Sequence[int]) -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.changes.finding import Finding
+from valve_twin.core.diagnosis.changes.finding import CLOCK, Finding
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.features import DELAYS
 from valve_twin.core.diagnosis.watch.growing import Growing, begins
@@ -21,17 +21,21 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
-CLOCK = "clock"
-"""Name of the finding that two clocks run apart."""
-
 _ALIKE = 0.01
 """Relative gap between the durations of cycles of one product, assumed [1]."""
+
+_NEAR, _CLEAR = 0.006, 1.4
+"""Relative gap between two products that are nearer than that, which is so many times as wide as
+each of them [1]: a sample more or less of a logger of 40 ms is 0.005 of 8 s."""
 
 _FEWEST = 5
 """Fewest cycles of a product."""
 
 _ODD = 0.3
 """Share of cycles of no product above which durations tell no products, assumed [1]."""
+
+_PAUSED = 1.5
+"""Times the median duration from which on a cycle has a pause, which tells no product [1]."""
 
 _RECENT = 8
 _SLIP_S = (0.012, 0.06)
@@ -75,7 +79,7 @@ def products(duration_s: FloatArray) -> IntArray:
         Number of the product, longest program last; all 0 where durations differ too much to say.
     """
     low, high = float(duration_s.min()), float(duration_s.max())
-    if high - low <= _ALIKE * max(low, 1e-9):
+    if high - low <= _NEAR * max(low, 1e-9):
         return np.zeros(len(duration_s), dtype=np.int64)
     order = np.argsort(duration_s, kind="stable")
     ranked = duration_s[order]
@@ -86,9 +90,34 @@ def products(duration_s: FloatArray) -> IntArray:
     group[order] = np.concatenate(([0], np.cumsum(apart)))
     sizes = np.bincount(group)
     group[sizes[group] < _FEWEST] = -1
-    if np.mean(group < 0) > _ODD:
+    paused = duration_s > _PAUSED * np.median(duration_s)
+    if np.mean(group[~paused] < 0) > _ODD:
         return np.zeros(len(group), dtype=np.int64)
-    return group
+    return _with_near(group, duration_s)
+
+
+def _with_near(group: IntArray, duration_s: FloatArray) -> IntArray:
+    """Return products, one that is two which are near each other taken apart.
+
+    As long as one of the two has too few cycles, these are of no product.
+    """
+    found, last = np.full_like(group, -1), -1
+    for number in range(int(group.max()) + 1):
+        own = np.flatnonzero(group == number)
+        if not len(own):
+            continue
+        ranked = np.sort(duration_s[own])
+        at = int(np.argmax(np.diff(ranked)))
+        gap = ranked[at + 1] - ranked[at]
+        wider = max(ranked[at] - ranked[0], ranked[-1] - ranked[at + 1])
+        whole = np.ones(len(own), dtype=np.bool_)
+        shorter = duration_s[own] <= ranked[at]
+        apart = gap > max(_NEAR * ranked[at], _CLEAR * wider)
+        for side in (shorter, ~shorter) if apart else (whole,):
+            if np.count_nonzero(side) >= _FEWEST:
+                last += 1
+                found[own[side]] = last
+    return found
 
 
 def _wider_beside(ranked: FloatArray, apart: BoolArray) -> FloatArray:

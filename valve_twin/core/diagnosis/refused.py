@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.changes.finding import Finding
+from valve_twin.core.diagnosis.changes.finding import CLOCK, Finding
 from valve_twin.core.diagnosis.features import NOISE
-from valve_twin.core.diagnosis.products import CLOCK
 from valve_twin.core.past.columns import past_of
 
 if TYPE_CHECKING:

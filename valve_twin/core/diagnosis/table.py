@@ -58,6 +58,7 @@ FAULT_TYPES = (
     FaultType("stiction", "valve", "sticking pilot"),
     FaultType("preload", "valve", "shifted closing force"),
     FaultType("coil_resistance", "valve", "risen resistance of the filling coil"),
+    FaultType("weak_outflow", "valve", "weaker emptying pilots or coil"),
     FaultType("dead_band", "valve", "grown dead band"),
     FaultType("aeration", "valve", "gas in the chamber", most=1.0),
     FaultType("lost_motion", "valve", "lost motion (play), share of the travel", most=1.0),
@@ -90,6 +91,23 @@ PAIRS = {
     frozenset({"dead_band", "command_offset"}): "measure the command at the valve",
 }
 """Pairs of faults that position and commands do not tell apart, and what settles it."""
+
+SHOWN_BY = {
+    "leak": "hold longer off the seats",
+    "stiction": "drive small commands slowly both ways",
+    "preload": "measure the current of the filling coil",
+    "coil_resistance": "measure the current of the filling coil",
+    "weak_outflow": "measure the current of the emptying coil",
+    "dead_band": "measure the command at the valve",
+    "aeration": "log commands and position at 5 ms or faster",
+    "sensor_offset": "check the zero at the seats by finer steps",
+    "sensor_gain": "move to the upper seat",
+    "sensor_freeze": "log the state of the sensor",
+    "command_offset": "measure the command at the valve",
+    "command_loss": "measure the command at the valve",
+    "supply_drop": "measure the pressure",
+}
+"""The one extra measurement that shows what cycles are too noisy or too coarse to show."""
 
 
 def partner(fault: str) -> str:

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from valve_twin.core.diagnosis.changes.finding import CLOCK
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.diagnosis.history import search
-from valve_twin.core.diagnosis.products import CLOCK
 from valve_twin.core.past.columns import Past, Rows, Settled, Table
 from valve_twin.core.refusal import RefusalCode
 

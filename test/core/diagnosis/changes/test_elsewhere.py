@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.diagnosis.changes.elsewhere import LOOKED_AT, Elsewhere, followed
+from valve_twin.core.diagnosis.changes.elsewhere import LOOKED_AT, Elsewhere, followed_by
 from valve_twin.core.diagnosis.features import FeatureSet
 
 KIND = FeatureSet(("level", "gain", "free"), across={"level": 0.1, "gain": 0.1})
@@ -24,7 +24,7 @@ def told(fault, after, cycles=40, kind=KIND):
     numbers = np.arange(1, cycles + 1)
     own = numbers < CHANGED
     known = np.ones(cycles, dtype=bool)
-    return followed(numbers, history(fault, after, cycles), own, ONSET, known, kind)
+    return followed_by(numbers, history(fault, after, cycles), own, ONSET, known, kind)
 
 
 @pytest.mark.parametrize(

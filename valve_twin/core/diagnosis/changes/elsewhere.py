@@ -55,7 +55,7 @@ class Followed:
     seen: int = -1
 
 
-def followed(
+def followed_by(
     cycles: IntArray,
     vectors: FloatArray,
     own: BoolArray,

@@ -6,8 +6,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+CLOCK = "clock"
+"""Name of the finding that two clocks run apart."""
+
 UNKNOWN = "unknown"
 """Name of a change that is like no fault of the table."""
+
+_LIKE_CLOCKS = frozenset({CLOCK, UNKNOWN, "aeration", "delay"})
+"""What clocks apart look like by themselves: all comes later, and is like nothing known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +81,18 @@ class Diagnosis:
 
     @property
     def present(self) -> Finding | None:
-        """The fault that lasts, None = none."""
-        return next((f for f in reversed(self.findings) if f.end < 0), None)
+        """The fault that lasts, None = none; clocks apart before what these look like."""
+        lasting = [f for f in reversed(self.findings) if f.end < 0]
+        apart = next((f for f in lasting if f.fault == CLOCK), None)
+        if apart is None:
+            return next(iter(lasting), None)
+        return next((f for f in lasting if f.fault not in _LIKE_CLOCKS), apart)
+
+    @property
+    def clocks(self) -> Finding | None:
+        """That clocks run apart beside the fault that is told, None = they do not."""
+        apart = (f for f in self.findings if f.end < 0 and f.fault == CLOCK)
+        return next((f for f in apart if f is not self.present), None)
 
 
 NOTHING = Diagnosis((), 0, ready=False)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
-FEATURE_VERSION = 1
+FEATURE_VERSION = 2
 """What the features of a cycle mean: raised when one of them is computed otherwise."""
 
 PREFIX = "reference."

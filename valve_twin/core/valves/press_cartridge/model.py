@@ -38,6 +38,7 @@ from valve_twin.core.valves.kit.moved import with_tolerances
 from valve_twin.core.valves.press_cartridge.approximations import press_approximations
 from valve_twin.core.valves.press_cartridge.diagnosis import features
 from valve_twin.core.valves.press_cartridge.diagnosis.offset import with_command_offset
+from valve_twin.core.valves.press_cartridge.diagnosis.outflow import with_weak_outflow
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
 from valve_twin.core.valves.press_cartridge.estimation.constraints import THETA
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
@@ -186,7 +187,7 @@ class PressCartridgeModel(AsLaw, CompiledModel):
         """Return how faults change the features, derived by simulation."""
         from valve_twin.core.valves.press_cartridge.diagnosis.signatures import TABLE
 
-        return with_command_offset(TABLE)
+        return with_weak_outflow(with_command_offset(TABLE))
 
     def judges(self, options: PressCartridgeOptions) -> bool:
         """Tell whether estimates are judged by the cycles before: not without the output error."""

@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """Features tell physical sizes, one by one, and nothing where the cycle shows nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,46 @@ def test_gas_in_the_chamber_delays_the_opening(rig, started):
 def test_a_freezing_sensor_repeats_its_values(rig, started):
     share = change(rig, started, "sensor_freeze", 0.1, "repeats")
     assert share == pytest.approx(0.1, abs=0.03)  # 2 * 850 draws: three deviations are 0.022
+
+
+def coarse(started, move, step=4.7e-3, noise=0.0):
+    """Return features of a cycle whose sensor has steps and is off by a number of them."""
+    frames = to_frames(started().advance(850))
+    rng = np.random.default_rng(1)
+    seen = frames.position + move * step + noise * step * rng.standard_normal(len(frames))
+    frames = replace(frames, position=step * np.round(seen / step))
+    return {p.name: p.value for p in MODEL.features(Cycle(2, 0.03, frames), OPTIONS)}
+
+
+def test_a_level_between_two_steps_of_the_sensor_is_not_told(started):
+    assert coarse(started, 0.1)["rest_level"] == pytest.approx(0.0, abs=1e-9)
+    assert coarse(started, 1.1)["rest_level"] == pytest.approx(4.7e-3, abs=1e-9)
+    assert np.isnan(coarse(started, 0.5, noise=0.1)["rest_level"])
+
+
+def test_noise_that_carries_a_sensor_over_its_steps_tells_the_level(started):
+    # 130 samples of 1.0 steps: 0.09 steps
+    level = coarse(started, 0.5, noise=1.0)["rest_level"]
+    assert level == pytest.approx(0.5 * 4.7e-3, abs=3 * 0.09 * 4.7e-3)
+
+
+def test_a_sensor_between_two_of_its_steps_is_not_noisier_than_one_beside(started):
+    beside, between = (coarse(started, m, noise=0.05) for m in (0.42, 0.5))
+    known = [v["rest_noise"] for v in (beside, between) if np.isfinite(v["rest_noise"])]
+    assert known
+    assert known == pytest.approx([4.7e-3] * len(known))
+
+
+def test_a_gain_of_small_commands_that_noise_hides_is_not_told(started):
+    frames = to_frames(started().advance(850))
+    rng = np.random.default_rng(1)
+    noisy = replace(frames, position=frames.position + 0.05 * rng.standard_normal(len(frames)))
+    shown, hidden = (
+        {p.name: p for p in MODEL.features(Cycle(2, 0.03, f), OPTIONS)} for f in (frames, noisy)
+    )
+    assert shown["gain_in_low"].status is ParameterStatus.OK
+    assert hidden["gain_in_low"].status is ParameterStatus.NOT_EXCITED
+    assert not hidden["weak_small"].value > 0.0  # that it has no effect is not known
 
 
 def test_lost_samples_are_no_feature(started):

@@ -67,6 +67,22 @@ strangers without a fault the least has 0.74."""
 _LEAST_SPIKE = 6e-3
 """Height of a single outlier that is left out [1]: what noise of 5e-4 does not reach."""
 
+_LEAST_KNOWN = 0.1
+"""Standard error of a gain over that of large commands, from which on noise hides it [1]."""
+
+_SURE = 3.0
+"""Standard errors by which a small command must lack effect to be said to [1]."""
+
+_DITHER = 1.5
+"""Spread of nine tenths of the values at rest in steps of the sensor, below which they are one
+value or two beside each other: their mean tells no more than they do [1]."""
+
+_COARSE = 3e-4
+"""Step of a sensor above which that matters [1]: that of 12 bits is 2.9e-4 of the stroke."""
+
+_OF_STEP = 1.0
+"""Most noise that a sensor shows which is between two of its steps [steps]."""
+
 NO_GAIN = 1e-6
 """Gain of a command that moves nothing, or the wrong way: its logarithm must exist."""
 
@@ -154,9 +170,13 @@ class FeatureOptions:
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """A straight line through position over summed command, in runs of samples."""
+    """A straight line through position over summed command, in runs of samples.
+
+    `spread` is the sum of squares of the summed command about its mean.
+    """
 
     gain: float = np.nan
+    spread: float = 0.0
     delay: float = np.nan
     rough: float = np.nan
     shortfall: float = np.nan
@@ -195,30 +215,33 @@ def cycle_features(
     low = rest & good & (x < options.lower_seat + options.near)
     free = rest & good & (x > options.lower_seat + options.near)
     hold = _runs(free & (x < options.upper_seat - options.near), 4 * options.min_run)
-    in_low, in_high = _lines(frames, good, 0, 1.0, options)
-    out_low, out_high = _lines(frames, good, 1, -1.0, options)
     noise = rest_noise(frames, masks, active_command=options.active_command, settle=options.settle)
+    into = _lines(frames, good, 0, 1.0, options)
+    out = _lines(frames, good, 1, -1.0, options)
     repeats = np.count_nonzero(np.diff(x) == 0.0) / max(len(x) - 1, 1)
     level = float(x[low].mean()) if np.count_nonzero(low) >= options.min_run else np.nan
     missed = missed_values(x)
+    sigma = float(np.fmax(noise.sigma, missed.quantum / np.sqrt(12.0)))
+    in_low, out_low = _shown(*into, sigma), _shown(*out, sigma)
+    off = _resolved(x[low], missed.quantum, options) if np.isfinite(level) else np.nan
     values = (
-        level,
-        noise.sigma,
+        options.lower_seat + off,
+        _of_steps(noise.sigma, missed.quantum),
         _slope(x, hold, period_s),
         in_low.gain,
-        in_high.gain,
+        into[1].gain,
         out_low.gain,
-        out_high.gain,
-        in_high.delay * period_s,
-        out_high.delay * period_s,
+        out[1].gain,
+        into[1].delay * period_s,
+        out[1].delay * period_s,
         in_low.rough,
-        np.fmax(in_high.shortfall, out_high.shortfall),
+        np.fmax(into[1].shortfall, out[1].shortfall),
         repeats,
         np.count_nonzero(masks.stuck) / max(len(x), 1),
         missed.missed,
         missed.due,
         _off_seat(level - options.lower_seat, noise.sigma, missed.quantum, options.margin),
-        _weak_small((in_low, in_high), (out_low, out_high)),
+        _weak_small(sigma, into, out),
     )
     return tuple(_value(name, v) for name, v in zip(_STORED, values, strict=True))
 
@@ -231,6 +254,37 @@ def _value(
     return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
 
 
+def _resolved(rest: FloatArray, quantum: float, options: FeatureOptions) -> float:
+    """Return the mean distance from the seat as far as the steps of the sensor tell it [1].
+
+    Where no noise carries it over its steps, one value tells it to a step; a mean of two that are
+    beside each other tells nothing more, and moves by a step where the position hardly did: NaN.
+    """
+    low, high = np.quantile(rest, (0.05, 0.95))
+    if quantum <= _COARSE or high - low >= _DITHER * quantum:
+        return float(rest.mean()) - options.lower_seat
+    return float(low) - options.lower_seat if high == low else float("nan")
+
+
+def _of_steps(sigma: float, quantum: float) -> float:
+    """Return the noise at rest, none less than what a sensor between two of its steps shows."""
+    return max(sigma, _OF_STEP * quantum) if sigma > 0.0 and quantum > _COARSE else sigma
+
+
+def _shown(small: _Line, large: _Line, sigma: float) -> _Line:
+    """Return the line of small commands, without its gain where noise hides it.
+
+    Measured in the gain of large ones, where there is one: a small one may be without effect.
+    """
+    usual = large.gain if large.gain > NO_GAIN else small.gain
+    return replace(small, gain=np.nan) if _error(small, sigma) > _LEAST_KNOWN * usual else small
+
+
+def _error(line: _Line, sigma: float) -> float:
+    """Return the standard error of a gain from noise alone, 0 where that is not known."""
+    return sigma / line.spread**0.5 if line.spread > 0.0 else 0.0
+
+
 def _off_seat(level: float, sigma: float, quantum: float, margin: float) -> float:
     """Return the level at rest where no closed spool shows it, else 0 [1]."""
     doubt = 0.5 * quantum + np.nan_to_num(sigma)
@@ -239,13 +293,20 @@ def _off_seat(level: float, sigma: float, quantum: float, margin: float) -> floa
     return level
 
 
-def _weak_small(*directions: tuple[_Line, _Line]) -> float:
-    """Return how much of its gain a small command lacks where that is much, else 0 [1]."""
-    ratios = [small.gain / large.gain for small, large in directions if large.gain > NO_GAIN]
-    known = [r for r in ratios if np.isfinite(r)]
+def _weak_small(sigma: float, *directions: tuple[_Line, _Line]) -> float:
+    """Return how much of its gain a small command lacks where that is much, else 0 [1].
+
+    What noise of `sigma` may hide counts as there.
+    """
+    known = [
+        (small.gain / large.gain, _SURE * _error(small, sigma) / large.gain)
+        for small, large in directions
+        if large.gain > NO_GAIN and np.isfinite(small.gain)
+    ]
     if not known:
         return float("nan")
-    return 1.0 - min(known) if min(known) < _LEAST_SMALL else 0.0
+    lacking = [1.0 - ratio for ratio, doubt in known if ratio + doubt < _LEAST_SMALL]
+    return max(lacking, default=0.0)
 
 
 def _runs(flag: BoolArray, fewest: int = 1) -> list[slice]:
@@ -305,9 +366,9 @@ def _line(
     rough = float(np.sqrt(np.mean((dy - gain * dc) ** 2)))
     shortfall = max(_shortfall(c, y) for c, y in centred)
     if not delayed or not gain > NO_GAIN:
-        return _Line(gain, rough=rough, shortfall=shortfall)
+        return _Line(gain, spread, rough=rough, shortfall=shortfall)
     delay = np.mean([(c - moved / gain) / command for c, moved, command in delayed])
-    return _Line(gain, float(delay), rough, shortfall)
+    return _Line(gain, spread, float(delay), rough, shortfall)
 
 
 def _shortfall(c: FloatArray, y: FloatArray) -> float:

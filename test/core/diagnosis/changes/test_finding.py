@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Clocks apart hide no fault: it is told first, and they beside it."""
+
+from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding
+
+
+def finding(name, part, onset, end=-1):
+    return Finding(name, (), part, 0.1, 9.0, onset, onset + 2, end)
+
+
+CLOCK = finding("clock", "sensor", 1)
+
+
+def test_a_fault_is_told_before_clocks_that_run_apart():
+    leak = finding("leak", "valve", 14)
+    found = Diagnosis((leak, CLOCK), 40, ready=True)
+    assert (found.present, found.clocks) == (leak, CLOCK)
+
+
+def test_what_clocks_apart_look_like_is_told_as_clocks():
+    gas = finding("aeration", "valve", 14)
+    assert Diagnosis((gas, CLOCK), 40, ready=True).present is CLOCK
+    assert Diagnosis((gas,), 40, ready=True).present is gas
+
+
+def test_clocks_are_told_where_no_other_fault_lasts():
+    found = Diagnosis((finding("leak", "valve", 14, end=20), CLOCK), 40, ready=True)
+    assert (found.present, found.clocks) == (CLOCK, None)
