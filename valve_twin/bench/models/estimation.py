@@ -139,7 +139,7 @@ def _free_run(repeats: int) -> Ratio:
             ),
             2 * repeats,
         ),
-        12.0,
+        14.0,
     )
 
 
