@@ -94,7 +94,7 @@ def _whitened(repeats: int) -> Iterator[Ratio]:
         fit = fit_kalman(frames, masks, config.period_s, noise_sigma=sigma, options=options)
         assert fit.status is not EstimateStatus.REFUSED
 
-    for name, pole, goal in (("given pole", 0.0, 1 / 5), ("pole search", -1.0, 4.0)):
+    for name, pole, goal in (("given pole", 0.0, 1 / 5), ("pole search", -1.0, 2.0)):
         yield Ratio(
             f"Kalman-whitened estimate of one cycle, {name}",
             "cvxpy rebuilt, one solve",
@@ -139,7 +139,7 @@ def _free_run(repeats: int) -> Ratio:
             ),
             2 * repeats,
         ),
-        14.0,
+        6.0,
     )
 
 
