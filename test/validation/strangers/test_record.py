@@ -82,3 +82,14 @@ def test_aging_lowers_the_gain_that_it_says():
     )
     new, old = (gain(aged(stranger, c), 0.5, 0.02) for c in (1, 61))
     assert old / new == pytest.approx(0.8, abs=0.01)
+
+
+def test_what_coil_and_preload_take_from_the_command_is_part_of_the_gain():
+    press, period_s = PLAIN.press, PLAIN.logger.period_s
+    weak = gain(press._replace(coil=0.8), 0.5, period_s)
+    assert weak == pytest.approx(0.8 * gain(press, 0.4, period_s))
+    late = gain(press._replace(preload=0.1), 0.5, period_s)
+    assert late == pytest.approx(0.8 * gain(press, 0.4, period_s))
+    assert gain(press._replace(coil=0.8), 0.5, period_s, outflow=True) == pytest.approx(
+        gain(press, 0.5, period_s, outflow=True)
+    )

@@ -80,6 +80,9 @@ def aged(stranger: Stranger, cycle: float, recipe: int = 0) -> Press:
 def gain(press: Press, command: float, period_s: float, *, outflow: bool = False) -> float:
     """Return the true steady gain at a command: stroke a sample per unit command, leak apart.
 
+    The command is the logged one: what coil, preload and an offset take from it is part of the
+    gain, as it is for whoever commands the press.
+
     Parameters
     ----------
     press : Press
@@ -91,7 +94,8 @@ def gain(press: Press, command: float, period_s: float, *, outflow: bool = False
     outflow : bool
         Of the emptying pilots, not of the filling ones.
     """
-    v = (0.0, command) if outflow else (command, 0.0)
+    v_in = max(command * press.coil + press.command_offset - press.preload, 0.0)
+    v = (0.0, max(command + press.command_offset, 0.0)) if outflow else (v_in, 0.0)
     moved = steady_speed(press, *v) - steady_speed(press, 0.0, 0.0)
     return abs(moved) * period_s / command
 

@@ -49,6 +49,7 @@ from valve_twin.core.valves.press_cartridge.estimation.guards import check_gap
 from valve_twin.core.valves.press_cartridge.estimation.kalman import fit_kalman, pool_ratios
 from valve_twin.core.valves.press_cartridge.estimation.lag import LagScan, scan_lag
 from valve_twin.core.valves.press_cartridge.estimation.output_error import fit_output_error
+from valve_twin.core.valves.press_cartridge.estimation.response.accuracy import scatter_halves
 from valve_twin.core.valves.press_cartridge.estimation.response.checks import (
     late_fault,
     lost_fault,
@@ -302,18 +303,19 @@ class PressCartridgeModel(AsLaw, CompiledModel):
         settled = scan.lag >= 0 and scan.sharpness >= _SHARP
         chosen = output_error_options(options, scan.lag if settled else -1)
         data = (cycle.frames, masks, cycle.period_s)
+        before = [e for e in earlier if e.estimator == name]
         if name == kalman.ESTIMATOR:
-            ratios = [e.value("noise_ratio") for e in earlier if e.estimator == kalman.ESTIMATOR]
-            pooled = pool_ratios(np.array(ratios))
+            pooled = pool_ratios(np.array([e.value("noise_ratio") for e in before]))
             fit = fit_kalman(
-                *data, noise_sigma=sigma, pooled=pooled, timing=timing, options=chosen
+                *data,
+                noise_sigma=sigma,
+                pooled=pooled,
+                timing=timing,
+                scatter=scatter_halves(before),
+                options=chosen,
             )
         else:
-            alone = [
-                (e.value("delay_alone"), e.value("pole_alone"))
-                for e in earlier
-                if e.estimator == output_error.ESTIMATOR
-            ]
+            alone = [(e.value("delay_alone"), e.value("pole_alone")) for e in before]
             fit = fit_output_error(
                 *data, noise_sigma=sigma, pooled=pool_timing(alone), options=chosen
             )

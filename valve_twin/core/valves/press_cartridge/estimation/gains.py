@@ -58,6 +58,8 @@ from valve_twin.core.valves.press_cartridge.estimation.response.accuracy import 
 from valve_twin.core.valves.press_cartridge.estimation.whitened.inverse import inverse_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from valve_twin.core.estimation.data.masks import Masks
     from valve_twin.core.types import Frames
     from valve_twin.core.valves.press_cartridge.estimation.excitation import Excitation
@@ -210,6 +212,7 @@ def gain_fit(
     alone: Timing | None = None,
     noise_ratio: float = float("nan"),
     covariance: FloatArray | None = None,
+    scatter: Mapping[str, float] | None = None,
 ) -> GainFit:
     """Turn a solution into named parameters with their flags.
 
@@ -230,15 +233,18 @@ def gain_fit(
     covariance : (6, 6) array, optional
         Of the linear parameters and the pole, infinite where nothing is known [1], if it is to be
         trusted: standard errors and 95 % limits are then published from this cycle alone.
+    scatter : mapping, optional
+        Half of the 95 % interval of the scatter between cycles, which those limits hold, too.
     """
     mse = solution.cost / solution.rows
     parameters = _parameters(prepared, solution, mse, options)
     parameters += _timing_values(timing, alone)
+    halves = systematic_halves(solution, prepared.run, timing, options)
     if covariance is not None:
-        parameters = _with_intervals(parameters, prepared, solution, covariance, options)
+        errors = _errors(prepared, solution, covariance, options)
+        parameters = with_limits(parameters, errors, halves, scatter)
         parameters += (ParameterValue("noise_ratio", noise_ratio),)
     else:
-        halves = systematic_halves(solution, options, prepared.run.period_s)
         parameters = with_limits(parameters, {}, halves)
     found = gain_identifiability(solution, _fitted(solution), mse, prepared.run.period_s, options)
     parameters = refuse_ridges(parameters, found)
@@ -355,16 +361,12 @@ def _missing(name: str, reason: str) -> ParameterValue:
     return ParameterValue(name, float("nan"), ParameterStatus.NOT_EXCITED, reason)
 
 
-def _with_intervals(
-    parameters: tuple[ParameterValue, ...],
-    prepared: PreparedCycle,
-    s: Solution,
-    covariance: FloatArray,
-    options: OutputErrorOptions,
-) -> tuple[ParameterValue, ...]:
-    """Add standard errors, and 95 % limits that hold what is wrong in every cycle alike, too."""
+def _errors(
+    prepared: PreparedCycle, s: Solution, covariance: FloatArray, options: OutputErrorOptions
+) -> dict[str, float]:
+    """Return the standard errors of this cycle by name."""
     variance = np.diag(covariance)
-    errors = {
+    return {
         "pole": float(np.sqrt(variance[N_LINEAR])),
         "K_in": _gain_error(covariance, 0, s.v_in_mean, options),
         "K_in_slope": float(np.sqrt(variance[1])),
@@ -372,7 +374,6 @@ def _with_intervals(
         "K_out_slope": float(np.sqrt(variance[3])),
         "leak": float(np.sqrt(variance[4])) / prepared.run.period_s,
     }
-    return with_limits(parameters, errors, systematic_halves(s, options, prepared.run.period_s))
 
 
 def _timing_values(timing: Timing, alone: Timing | None) -> tuple[ParameterValue, ...]:

@@ -54,6 +54,8 @@ from valve_twin.core.valves.press_cartridge.estimation.whitened.ratio import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from valve_twin.core.estimation.data.masks import Masks
     from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
     from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import Stretch
@@ -86,6 +88,7 @@ def fit_kalman(
     noise_ratio: float = -1.0,
     pooled: PooledRatio | None = None,
     timing: Timing | None = None,
+    scatter: Mapping[str, float] | None = None,
     options: OutputErrorOptions | None = None,
 ) -> GainFit:
     """Fit pole, K_in, K_out(v), leak and the noise ratio to one cycle.
@@ -106,14 +109,17 @@ def fit_kalman(
         What other cycles of the valve say of it.
     timing : Timing, optional
         Delay and pole that the output error of this cycle uses; searched where omitted.
+    scatter : mapping, optional
+        Half of the 95 % interval of the scatter of cycles before, as `scatter_halves` returns it.
     options : OutputErrorOptions, optional
         Limits and constraints; `wander` is not used.
 
     Returns
     -------
     GainFit
-        With standard errors and 95 % limits from this cycle alone. A cycle that cannot be used is
-        a value with its reason, never an exception.
+        With standard errors from this cycle alone, and 95 % limits that hold the scatter of cycles
+        and what is wrong in every cycle alike, too. A cycle that cannot be used is a value with
+        its reason, never an exception.
     """
     options = options or OutputErrorOptions()
     prepared = prepare_cycle(frames, masks, period_s, noise_sigma, options)
@@ -146,6 +152,7 @@ def fit_kalman(
         timing=timing,
         noise_ratio=found.alone,
         covariance=covariance,
+        scatter=scatter,
     )
     structure = check_structure(prepared.run, phases, use, solution, ratio, options.v_max)
     return replace(fit, guards=(*fit.guards, *structure))

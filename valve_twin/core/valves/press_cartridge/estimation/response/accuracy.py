@@ -2,16 +2,18 @@
 # Copyright 2026 valve_twin maintainers
 """What may be wrong with a parameter in every cycle alike: no scatter between cycles shows it.
 
-Three causes are left after delay and pole are fitted, each derived from the fit itself:
+Four causes are left after delay and pole are fitted, each derived from the fit itself:
 
 - timing: a response is not the pole's inside a sample, and the logger sees one of several commands
-  of a controller. What that may do to a gain is its sensitivity to the time of the response;
+  of a controller. What that may do to a gain is its sensitivity to the time of the response, and
+  how little the cycle knows that time once the edges of jumping commands are left out (`unseen`);
 - curvature: the gain is a line of the command in the model and a curve in the valve. A line of
   relative fall S over the commands lies up to S^2/8 off a parabola, and more off a root;
 - tails: what is left of a motion when hold begins passes for leak, beside its own sensitivity to
-  the time of the response.
+  the time of the response;
+- steps: a sensor that moves in steps shows a leak to a step in a hold (`unseen`).
 
-The sizes come from 200 random plants at noise 1e-5 (docs/accuracy.md).
+The sizes of the constants come from 200 random plants at noise 1e-5 (docs/accuracy.md).
 """
 
 from __future__ import annotations
@@ -21,18 +23,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.cycle.scatter import scatter_between_cycles
 from valve_twin.core.estimation.data.robust import NORMAL_975
+from valve_twin.core.valves.press_cartridge.estimation.free_run import find_phases
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import N_LINEAR
+from valve_twin.core.valves.press_cartridge.estimation.response.unseen import (
+    step_leak,
+    timing_spread,
+)
 from valve_twin.core.valves.press_cartridge.estimation.whitened.inverse import inverse_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
-    from valve_twin.core.types import FloatArray, ParameterValue
+    from valve_twin.core.types import Estimate, FloatArray, ParameterValue
     from valve_twin.core.valves.press_cartridge.estimation.free_run import (
         OutputErrorOptions,
+        Run,
         Solution,
     )
+    from valve_twin.core.valves.press_cartridge.estimation.response.timing import Timing
 
 _LATE = 0.13
 """Half width of the 95 % interval of what the time of a response may be wrong [samples]."""
@@ -51,7 +61,7 @@ _TAIL = 0.004
 
 
 def systematic_halves(
-    s: Solution, options: OutputErrorOptions, period_s: float
+    s: Solution, run: Run, timing: Timing, options: OutputErrorOptions
 ) -> dict[str, float]:
     """Return the half width of the 95 % interval of what is wrong in every cycle alike.
 
@@ -59,10 +69,12 @@ def systematic_halves(
     ----------
     s : Solution
         The fit, gains [1/sample of stroke per unit command].
+    run : Run
+        The cycle.
+    timing : Timing
+        When commands act.
     options : OutputErrorOptions
         Where the gains are published.
-    period_s : float
-        Sampling time [s].
 
     Returns
     -------
@@ -70,18 +82,25 @@ def systematic_halves(
         Of K_in, K_out and leak, each in its unit, as far as they were fitted.
     """
     moves = _by_time(s)
-    late = _LATE if options.delay < 0.0 else _LATE_FIXED
-    tail = np.hypot(late * moves[4], _TAIL * s.linear[4])
-    found = {"leak": float(tail) / period_s}
+    phases = find_phases(run, timing.delay, options)
+    late, spread = _LATE_FIXED, np.zeros((N_LINEAR, N_LINEAR))
+    if options.delay < 0.0:
+        late = _LATE
+        spread = NORMAL_975**2 * timing_spread(run, phases, timing, s.columns, options)
+    steps = step_leak(run, phases)
+    tail = (late * moves[4]) ** 2 + (_TAIL * s.linear[4]) ** 2 + spread[4, 4] + steps**2
+    found = {"leak": float(np.sqrt(tail)) / run.period_s}
     for name, first, command in (("K_in", 0, s.v_in_mean), ("K_out", 2, options.v_ref)):
         weight = 2.0 * options.v_max - command
         value = float(s.linear[first] + weight * s.linear[first + 1])
         if not value > 0.0:
             continue
-        timing = late * abs(float(moves[first] + weight * moves[first + 1]))
+        at = np.zeros(N_LINEAR)
+        at[first : first + 2] = 1.0, weight
+        time = float((late * (at @ moves)) ** 2 + at @ spread @ at)
         fall = options.v_max * float(s.linear[first + 1]) / value
         curvature = _CURVED * fall**2 * value
-        found[name] = float(np.sqrt(timing**2 + curvature**2 + (_LEAST_GAIN * value) ** 2))
+        found[name] = float(np.sqrt(time + curvature**2 + (_LEAST_GAIN * value) ** 2))
     return found
 
 
@@ -89,6 +108,7 @@ def with_limits(
     parameters: tuple[ParameterValue, ...],
     errors: Mapping[str, float],
     systematic: Mapping[str, float],
+    scatter: Mapping[str, float] | None = None,
 ) -> tuple[ParameterValue, ...]:
     """Add standard errors, and 95 % limits of both kinds of error together.
 
@@ -98,18 +118,23 @@ def with_limits(
         Values of the cycle.
     errors : mapping
         Standard errors by name; empty where the scatter comes from other cycles: the limits are
-        then those of what is wrong in every cycle alike.
+        then those of what is wrong in every cycle alike. A value on its bound has none then: its
+        scatter is cut off there.
     systematic : mapping
         As `systematic_halves` returns it.
+    scatter : mapping, optional
+        As `scatter_halves` returns it: where cycles scatter by more than a cycle's own error says,
+        the limits hold the scatter.
     """
+    scattered = scatter or {}
     found = []
     for p in parameters:
         error = errors.get(p.name, np.nan)
-        known = np.isfinite(error) if errors else p.name in systematic
+        known = np.isfinite(error) if errors else p.name in systematic and p.usable
         if not (known and np.isfinite(p.value)):
             found.append(p)
             continue
-        own = NORMAL_975 * error if errors else 0.0
+        own = max(NORMAL_975 * error, scattered.get(p.name, 0.0)) if errors else 0.0
         half = float(np.hypot(own, systematic.get(p.name, 0.0)))
         lower, upper = p.value - half, p.value + half
         if p.name.endswith("_slope"):
@@ -118,6 +143,28 @@ def with_limits(
             lower = max(lower, 0.0)
         found.append(replace(p, standard_error=error, lower_95=lower, upper_95=upper))
     return tuple(found)
+
+
+def scatter_halves(earlier: Sequence[Estimate]) -> dict[str, float]:
+    """Return half the 95 % interval of the scatter between cycles, where there are enough.
+
+    Parameters
+    ----------
+    earlier : sequence of Estimate
+        Estimates of one estimator, oldest first.
+
+    Returns
+    -------
+    dict
+        Of K_in, K_out and leak, each in its unit.
+    """
+    found = {}
+    for name in ("K_in", "K_out", "leak"):
+        series = [p.value for e in earlier for p in e.parameters if p.name == name and p.usable]
+        half = scatter_between_cycles(np.array(series)).half_width_95
+        if np.isfinite(half):
+            found[name] = half
+    return found
 
 
 def _by_time(s: Solution) -> FloatArray:
