@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Nodes as forks of one process that has imported them: 0.1 s of CPU for a start instead of 0.9.
+"""Nodes as forks of a process that has imported them: 0.4 s of CPU to an active twin, not 0.9.
 
 Run as a program this is that process, the mother. It has no context of ROS and no thread that
 computes, and each fork goes the way of `python -m valve_twin.nodes.runtime.executables` from its
