@@ -20,7 +20,7 @@ from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.verdict import Trend, TrendStatus, VerdictKind, decide, held_back
 from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Finding
 from valve_twin.core.diagnosis.history import describe_finding
-from valve_twin.core.diagnosis.table import BY_NAME, partner
+from valve_twin.core.diagnosis.table import BY_NAME, SHOWN_BY, partner
 from valve_twin.core.faults.advice import BY_VERDICT, FAULT_ADVICE
 from valve_twin.core.faults.kinds import FAULT_KINDS
 from valve_twin.core.faults.ne107 import Ne107
@@ -191,6 +191,10 @@ def test_what_a_verdict_says_is_translated_with_its_figures():
              for t, f in zip(trends(), findings(), strict=False)]  # fmt: skip
     said += [f"valve: {text}" for text in said]
     said += [judged([]).evidence, WAITING]
+    hidden = [f"{BY_NAME[fault].text} below 0.4 s ({shown})" for fault, shown in SHOWN_BY.items()]
+    hidden += [f"{BY_NAME[fault].text} ({shown})" for fault, shown in SHOWN_BY.items()]
+    said += [f"what these cycles do not show: {', '.join(hidden[k:][:1 + k % 3])}"
+             for k in range(len(hidden))]  # fmt: skip
     fine = replace(given, status=TrendStatus.STEADY, threshold=0.02)
     said += [held_back(judged([fine]), off).evidence for off in (5.2, 1e3)]
     assert all(text.startswith("not yet judged") for text in said[-2:])

@@ -252,9 +252,10 @@ class _Problem:
                 off = np.append(lanes.p[i] - p, lanes.pole[i] - mode.pole)
                 moments[i] = _truncated(lanes.gram[i], fitted, variance) + np.outer(off, off)
         values = np.append(lanes.value, found.value)
-        weight = np.exp(-0.5 * (values - values.min()))
-        weight /= weight.sum()
-        return np.asarray(np.tensordot(weight[:-1], moments, axes=1) + weight[-1] * own)
+        with np.errstate(invalid="ignore"):  # exact data: what has no likelihood has no interval
+            weight = np.exp(-0.5 * (values - values.min()))
+            weight /= weight.sum()
+            return np.asarray(np.tensordot(weight[:-1], moments, axes=1) + weight[-1] * own)
 
     def _solution(
         self, pole: float, p: FloatArray, gram: FloatArray, cost: float, rows: int

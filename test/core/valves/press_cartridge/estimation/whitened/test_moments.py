@@ -8,6 +8,7 @@ from scipy.stats import truncnorm
 
 from valve_twin.core.valves.press_cartridge.estimation.whitened.moments import (
     cut_moment,
+    invert,
     truncated_moments,
 )
 
@@ -34,3 +35,10 @@ def test_far_from_zero_nothing_is_cut():
 def test_dependent_columns_are_told():
     column = np.arange(1.0, 9.0)[:, None] * np.ones((1, 7))
     assert not truncated_moments(column.T @ column, np.array([0, 1]), 1.0, np.zeros((6, 6)))
+
+
+def test_a_column_that_is_zero_is_not_regular():
+    """A cycle of a sensor in coarse steps left one, and the estimate ended with a division."""
+    gram = np.diag([2.0, 0.0, 1.0])
+    assert not invert(gram, np.arange(3), np.empty((3, 3)))
+    assert invert(gram, np.array([0, 2]), np.empty((2, 2)))

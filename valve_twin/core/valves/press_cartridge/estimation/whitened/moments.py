@@ -146,7 +146,7 @@ def invert(gram: FloatArray, which: IntArray, inverse: FloatArray) -> bool:
     gram : (P, P) array
         Positive semidefinite [1].
     which : (F,) int64 array
-        Rows and columns; none of them is zero.
+        Rows and columns; where one of them is zero, they are not regular.
     inverse : (F, F) array
         Overwritten [1].
     """
@@ -154,6 +154,8 @@ def invert(gram: FloatArray, which: IntArray, inverse: FloatArray) -> bool:
     scale = np.zeros(count)
     for i in range(count):
         scale[i] = np.sqrt(gram[which[i], which[i]])
+        if not scale[i] > 0.0:
+            return False
     factor = np.zeros((count, count))
     lower = np.zeros((count, count))  # inverse of the Cholesky factor
     for i in range(count):
