@@ -27,7 +27,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from test.nodes.forked import MODULE, ROOMS, Forked, mother, warm_worker
+from test.nodes.forked import MODULE, Forked, can_fork, mother, warm_worker
 from valve_twin.nodes.runtime.transport.dead_ports import remove_unborn
 from valve_twin.nodes.runtime.transport.profile import remove_profile_file, use_fast_heartbeat
 from valve_twin.nodes.twin.node import TwinNode
@@ -165,7 +165,8 @@ class Graph:
     ) -> NodeProcess:
         """Start a node as `ros2 run` does; `alone`: with no parameter file beside those given.
 
-        It is a fork, see `forked`; `fresh`: an interpreter that begins with nothing imported.
+        It is a fork, see `forked`; `fresh`: an interpreter that begins with nothing imported, as it
+        is wherever PYTHONPATH was changed.
         """
         number = next(self._count)
         command = [sys.executable, "-m", MODULE, name]
@@ -173,7 +174,7 @@ class Graph:
         command += given[:-2] if alone else given
         environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain), "PYTHONUNBUFFERED": "1"}
         log = self.folder / f"{number}_{name}.log"
-        process = NodeProcess(command, environment, log, fork=name in ROOMS and not fresh)
+        process = NodeProcess(command, environment, log, fork=can_fork(name) and not fresh)
         self.processes.append(process)
         return process
 

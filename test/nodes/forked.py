@@ -40,6 +40,7 @@ ROOMS = {
 }
 """Nodes that the mother has loaded, and their rooms."""
 
+_PATH = os.environ.get("PYTHONPATH")
 TASKS = Path("/proc/self/task")
 _WANT_ORPHANS = 36  # PR_SET_CHILD_SUBREAPER
 _ANSWER_S = 60.0
@@ -117,6 +118,11 @@ class Mother:
 def mother() -> Mother:
     """Return the mother of this process, begun with the first call."""
     return Mother()
+
+
+def can_fork(name: str) -> bool:
+    """Return whether a fork is what a fresh process would be: with a path of its own it is not."""
+    return name in ROOMS and os.environ.get("PYTHONPATH") == _PATH
 
 
 def warm_worker() -> None:
