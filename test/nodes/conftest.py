@@ -165,8 +165,8 @@ class Graph:
     ) -> NodeProcess:
         """Start a node as `ros2 run` does; `alone`: with no parameter file beside those given.
 
-        It is a fork, see `forked`; `fresh`: an interpreter that begins with nothing imported, as it
-        is wherever PYTHONPATH was changed.
+        It is a fork, see `forked`; `fresh`: an interpreter that begins with nothing imported, as
+        it is wherever PYTHONPATH was changed.
         """
         number = next(self._count)
         command = [sys.executable, "-m", MODULE, name]
