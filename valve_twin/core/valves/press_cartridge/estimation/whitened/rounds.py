@@ -140,11 +140,11 @@ def pack_rows(data: Stretch) -> Rows:
     """
     size = len(data.y)
     y, anchor, v_in, v_out = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    flags = np.empty(size, dtype=np.uint8)
+    flags = sample_flags(data)
     count = 0
     at_rest = False
     for n in range(size):
-        flag = 1 * data.free[n] + 2 * data.use[n] + 4 * data.moving[n]
+        flag = flags[n]
         if at_rest and not flag & 3 and not data.anchor[n] > 0.0:
             continue
         at_rest = not flag & 1
