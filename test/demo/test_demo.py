@@ -103,6 +103,53 @@ def test_ctrl_c_ends_it_without_a_trace_and_says_where_to_look(demo_on_a_domain,
     assert (tmp_path / "1" / "press_bag" / "metadata.yaml").is_file()
 
 
+STOPPED_AS_A_MESSAGE_IS_MADE = """
+import os, signal, threading, time
+import rclpy
+from valve_twin_msgs.msg import Estimate
+from valve_twin.demo import watch
+
+made = Estimate.__init__
+
+def init(self, **given):
+    made(self, **given)
+    if threading.current_thread() is threading.main_thread():
+        os.kill(os.getpid(), signal.SIGINT)  # the code that makes the message runs in C++
+
+def publish(context):
+    publisher = node.create_publisher(Estimate, "/v/twin/estimate", watch._LATCHED)
+    publisher.publish(Estimate(used_by_trend=True, names=["K"], values=[1.0]))
+
+context = rclpy.Context()
+rclpy.init(context=context)
+node = rclpy.create_node("source", context=context)
+thread = threading.Thread(target=publish, args=[context])
+thread.start()
+thread.join()
+Estimate.__init__ = init
+try:
+    print("ended by itself", watch.watch("/v", 2, limit_s=60.0))
+except KeyboardInterrupt:
+    print("stopped by Ctrl-C")
+"""
+
+
+def test_ctrl_c_while_a_message_is_made_ends_the_table_as_any_other():
+    domain = own_domain()
+    try:
+        ended = subprocess.run(
+            [sys.executable, "-c", STOPPED_AS_A_MESSAGE_IS_MADE],
+            capture_output=True,
+            text=True,
+            timeout=100,
+            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+            check=False,
+        )
+    finally:
+        release_domain(domain)
+    assert "stopped by Ctrl-C" in ended.stdout, ended.stderr
+
+
 def test_the_demo_ends_well_or_says_what_it_missed(demo):
     if "inside the interval" in demo.text:
         assert demo.code == 0, demo.text

@@ -5,23 +5,24 @@
 from __future__ import annotations
 
 import math
+import signal
 import time
 from collections import deque
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from valve_twin_msgs.msg import Estimate, Trend, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 ROWS = 12
 """Cycles in the table."""
@@ -106,17 +107,18 @@ def watch(
     Raises
     ------
     KeyboardInterrupt
-        If it is stopped by Ctrl-C or SIGTERM, whichever of Python and rclpy hears of it first.
+        If it is stopped by Ctrl-C or SIGTERM.
     """
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = Watcher(namespace)
     console = Console()
     live = Live(console=console, auto_refresh=False) if console.is_terminal else nullcontext()
     end = time.monotonic() + limit_s
     shown = 0
     try:
-        with live as table:
+        with _signals_between_spins() as check, live as table:
             while len(node.cycles) < cycles and time.monotonic() < end and alive():
+                check()
                 rclpy.spin_once(node, timeout_sec=0.2)
                 node.follow_trends()
                 if table is not None:
@@ -126,12 +128,34 @@ def watch(
                     console.print(_line(node, cycles, first, console.width), highlight=False)
         if table is None:
             console.print(render(node, cycles, first, console.width))
-    except ExternalShutdownException as err:
-        raise KeyboardInterrupt from err
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
     return len(node.cycles)
+
+
+@contextmanager
+def _signals_between_spins() -> Iterator[Callable[[], None]]:
+    """Hold back Ctrl-C and SIGTERM; yield what raises KeyboardInterrupt once one has come.
+
+    Where it is raised while rclpy makes a message, pybind11 turns it into a RuntimeError.
+    """
+    came: list[int] = []
+
+    def check() -> None:
+        if came:
+            raise KeyboardInterrupt
+
+    before = {
+        number: signal.signal(number, lambda number, _frame: came.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield check
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    check()
 
 
 def render(node: Watcher, cycles: int, first: str = "", width: int = 80) -> Group:
