@@ -301,6 +301,18 @@ def test_whatever_comes_nothing_raises(table, histories):
         assert all(f.onset <= f.alarm for f in diagnosis.findings)
 
 
+@pytest.mark.parametrize("size", [1e140, 1e200, 1e260, 1e300])
+@pytest.mark.parametrize("first", [3, 45])
+def test_a_feature_of_any_size_is_judged_like_a_large_one(table, size, first):
+    vectors = healthy(table, 60, 5)
+    large = vectors.copy()
+    vectors[first:, 2], large[first:, 2] = size, 1e100
+    found, expected = search(table, vectors).findings, search(table, large).findings
+    assert [(f.fault, f.onset) for f in found] == [(f.fault, f.onset) for f in expected]
+    assert len(found) == (first == 45)
+    assert np.isfinite([f.deviation for f in found]).all()
+
+
 def test_a_cycle_that_shows_nothing_neither_confirms_nor_ends_a_fault(table):
     leak = next(s for s in medium(table) if s.fault == "leak")
     vectors = healthy(table, ONSET + 12, 4)

@@ -46,6 +46,9 @@ _LEAST_UNFOLLOWED = 5
 REACH = 5
 """Cycles before a cycle whose median it is compared with."""
 
+_MOST = 1e100
+"""Beyond it no feature counts as more: squares stay numbers [unit of the feature]."""
+
 
 @dataclass(frozen=True, slots=True)
 class Rays:
@@ -72,7 +75,7 @@ class Rays:
 def filled(vectors: FloatArray, least: int) -> FloatArray:
     """Return the features with the last known value where there is none.
 
-    Before the first one stands that one; a feature that is never there is 0.
+    Before the first one stands that one; a feature that is never there is 0, none is beyond 1e100.
     """
     known = np.isfinite(vectors)
     given = np.count_nonzero(known[:least], axis=0) >= least // 2
@@ -97,7 +100,7 @@ def filled_on(last: FloatArray, vectors: FloatArray, given: BoolArray) -> FloatA
         known = np.isfinite(filled[:, j])
         index = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
         filled[:, j] = np.where(index < 0, last[j], filled[index, j])
-    return filled
+    return np.clip(filled, -_MOST, _MOST)
 
 
 def whitened_rays(

@@ -15,12 +15,12 @@ TABLE = MODEL.signatures()
 CONFIG = DetectionConfig()
 
 
-def matches(name, sign):
-    """Return the matches of a medium change and of its reverse."""
+def matches(name, sign, times=1.0):
+    """Return the matches of some times a medium change and of its reverse."""
     rng = np.random.default_rng(3)
     rows = rng.multivariate_normal(np.zeros(len(TABLE.features)), TABLE.covariance, 45)
     signature = [s for s in TABLE.signatures if s.fault == name][1]
-    rows[40:] += sign * np.array(signature.change)
+    rows[40:] += sign * times * np.array(signature.change)
     w, _, rays = whitened(rows, 40, 45, TABLE, CONFIG)
     off = w[40:] - w[:40].mean(axis=0)
     found = match(off, rays, TABLE, CONFIG, line=1.0 / 40)
@@ -50,3 +50,14 @@ def test_the_likeliest_fault_and_its_size_are_told():
     size = [s.severity for s in TABLE.signatures if s.fault == "leak"][1]
     # 12 standard deviations a cycle, five cycles: 4 %, and 0.3 of it may be unlike
     assert found.severity == pytest.approx(size, rel=0.15)
+
+
+@pytest.mark.parametrize("times", [1e6, 1e50, 1e95])
+def test_a_change_of_any_size_is_told_with_its_size(times):
+    """Its square was no number from 1e154 standard deviations on, its matrix singular from 1e9."""
+    usual, found = (matches("sensor_gain", 1.0, by)[0] for by in (1e4, times))
+    assert max(found.likelihood, key=found.likelihood.__getitem__) == "sensor_gain"
+    assert np.isfinite(list(found.likelihood.values())).any()
+    assert found.like == pytest.approx(usual.like)
+    assert found.deviation == pytest.approx(usual.deviation * times / 1e4, rel=1e-3)
+    assert found.severity == pytest.approx(usual.severity * times / 1e4, rel=1e-3)

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 _NO_SIZE = 1e-3
 """Size, in that of a signature, below which a fault explains nothing [1]."""
 
+_MOST = 1e6
+"""A change that is larger is matched at this size: its matrices stay regular
+[standard deviations]."""
+
 
 @dataclass(frozen=True, slots=True)
 class Match:
@@ -59,19 +63,22 @@ def match(
     line : float
         Variance of what they are compared with [1].
     """
+    scale = _MOST / max(float(np.abs(off).max()), _MOST)
+    off = scale * off
     unlike = config.unlike**2 * float(np.sum(off.mean(axis=0) ** 2)) / off.shape[1]
-    limits = [table.range(k) for k in range(len(table.signatures))]
+    ranges = [table.range(k) for k in range(len(table.signatures))]
+    limits = [(scale * low, scale * high) for low, high in ranges]
     fits = fit_changes(off, rays, line, limits, unlike=unlike, varies=config.varies)
     best: dict[str, float] = {}
-    values = [value if size > _NO_SIZE else -np.inf for value, size, _ in fits]
+    values = [value if size > scale * _NO_SIZE else -np.inf for value, size, _ in fits]
     for signature, value in zip(table.signatures, values, strict=True):
         best[signature.fault] = max(best.get(signature.fault, -np.inf), value)
     k = int(np.argmax(values))
     size, change = fits[k][1], off.mean(axis=0)
     like = float(rays.rays[k] @ change) ** 2 / max(float(change @ change), 1e-300)
     like = like if np.isfinite(values[k]) else -1.0
-    severity = table.signatures[k].severity * size
-    deviation = float(np.linalg.norm(change))
+    severity = table.signatures[k].severity * size / scale
+    deviation = float(np.linalg.norm(change)) / scale
     return Match(best, severity, deviation, like, fits[k][2] / off.size, k)
 
 
