@@ -3,6 +3,7 @@
 """What every test shares: deterministic properties and the marker of the tests that need ROS 2."""
 
 import fcntl
+import gc
 import hashlib
 import os
 import pickle
@@ -13,6 +14,7 @@ from typing import Any
 import hypothesis
 import pytest
 
+gc.disable()  # until all tests are collected: imports make hardly any garbage
 ROOT = Path(__file__).resolve().parent.parent
 NODES = ROOT / "test" / "nodes"
 LIVE = (NODES, *(ROOT / "test" / name for name in ("demo", "bench", "test_packaging.py")))
@@ -88,6 +90,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             msg = f"{item.nodeid}: tools/check does not look for tests marked ros or alone here"
             raise pytest.UsageError(msg)
     items.sort(key=lambda item: LENGTHY.get(item.path, len(LENGTHY)))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    try:
+        return (yield)
+    finally:
+        gc.freeze()  # what imports made stays: looking through it again and again takes seconds
+        gc.enable()
 
 
 def cpu_s_of(report: pytest.TestReport) -> float:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -82,6 +83,7 @@ class Case:
     maps_more: bool = False
 
 
+@cache
 def case_names() -> tuple[str, ...]:
     """Return the models that can be shown: simulated ones whose file lets something age."""
     return tuple(name for name in model_names() if _is_shown(name))
@@ -116,7 +118,7 @@ def find_case(
     if model not in names:
         message = f"VALVE = {model}: no such valve to show; {suggest(model, names)}"
         raise ValueError(message)
-    if file and not (load_config(file) and _ages(file, model)):
+    if file and not (load_config(file) and model == _aging_model(file)):
         message = f"CONFIG = {file}: lets no valve of the model '{model}' age (simulation.aging)"
         raise ValueError(message)
     if cycles < 0 or not 0.0 <= rate < math.inf:
@@ -140,7 +142,7 @@ def config_of(model: str) -> Path:
     folder = ROOT / "config"
     own = folder / f"{model}.yaml"
     for file in (own, *sorted(folder.glob("*.yaml"))):
-        if file.is_file() and _ages(file, model):
+        if file.is_file() and model == _aging_model(file):
             return file
     message = f"no file in {folder} lets a valve of the model '{model}' age"
     raise ValueError(message)
@@ -199,12 +201,14 @@ def _is_shown(model: str) -> bool:
         return False
 
 
-def _ages(file: Path, model: str) -> bool:
-    """Tell whether a configuration lets a simulated valve of that model age."""
+@cache
+def _aging_model(file: Path) -> str:
+    """Return the one model of which a configuration lets a simulated valve age, else nothing."""
     sections = yaml.safe_load(file.read_text(encoding="utf-8")).values()
     trees = [s.get("ros__parameters", {}) for s in sections if isinstance(s, dict)]
     models = {tree["model"] for tree in trees if "model" in tree}
-    return models == {model} and any(t.get("simulation", {}).get("aging") for t in trees)
+    ages = any(t.get("simulation", {}).get("aging") for t in trees)
+    return str(*models) if ages and len(models) == 1 else ""
 
 
 def _aged(config: ValveConfig) -> str:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -110,10 +111,11 @@ def test_a_closed_loop_gains_no_energy(phase):
     assert abs(work_around(POLE, fluxes, xs)) < 1e-3
 
 
-def computed(rows=25, columns=17):
+@cache
+def computed():
     """Return a field computation's table of the same pole."""
-    current = np.linspace(0.0, 6.0, rows)
-    position = np.linspace(-0.96e-3, 0.96e-3, columns)
+    current = np.linspace(0.0, 6.0, 25)
+    position = np.linspace(-0.96e-3, 0.96e-3, 17)
     flux = np.array([[coil_flux(POLE, i, 0.0, x) for x in position] for i in current])
     flux[0] = 0.0
     return FluxCurves(current, position, flux, MUTUAL)

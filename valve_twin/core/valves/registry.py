@@ -121,7 +121,8 @@ def complete_options(model: HasOptions[Given], given: Mapping[str, object]) -> G
 
 
 def _checked(model: object, name: str) -> ValveModel:
-    missing = [m for m in MEMBERS if not hasattr(model, m)]
+    # properties are not asked for their values: some of those take imports of half a second
+    missing = [m for m in MEMBERS if not (hasattr(type(model), m) or hasattr(model, m))]
     if missing:
         msg = (
             f"'{name}' is no valve model, it lacks {', '.join(missing)}; "
