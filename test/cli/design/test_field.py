@@ -41,3 +41,16 @@ def test_bad_input_is_one_line(words, said, capsys):
     shown = capsys.readouterr().err
     assert said in shown
     assert shown.count("\n") == 1
+
+
+@pytest.mark.parametrize("verb", ["field", "transient", "map"])
+def test_a_region_in_the_stretched_air_is_told_with_its_file(verb, root, tmp_path, capsys):
+    sample = (root / "samples" / "design" / "pot_magnet.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "lid.yaml"
+    lid = "  - {name: lid, material: steel, outline_mm: [[2, 8], [5, 8], [5, 9], [2, 9]]}\n"
+    path.write_text(sample + lid, encoding="utf-8")
+    out = [] if verb == "field" else ["--out", str(tmp_path / "out")]
+    assert main(["design", verb, str(path), *out]) == 2
+    shown = capsys.readouterr().err.splitlines()[-1]
+    assert shown.startswith(f"valve-twin: {path}: lid: r = 0.002 to 0.005")
+    assert "lies in the air that the motion stretches" in shown

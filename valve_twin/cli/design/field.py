@@ -46,8 +46,9 @@ def _field(arguments: argparse.Namespace) -> int:
         check_writable(arguments.svg)
     from valve_twin.design.field import draw_field, make_model, solve_field
 
-    with refusals():
+    with refusals(arguments.design):
         model = make_model(section_of(design), arguments.fine)
+    with refusals():
         currents = arguments.current or [0.0] * len(model.section.coils)
         found = solve_field(model, currents, arguments.position)
     if arguments.svg:

@@ -121,8 +121,13 @@ def section_of(design: DoubleStroke | HybridPole | Section) -> Section:
 
 
 @contextmanager
-def refusals() -> Iterator[None]:
+def refusals(of: str | None = None) -> Iterator[None]:
     """Turn what the design refuses into a line of the command.
+
+    Parameters
+    ----------
+    of : str, optional
+        File that it stands in, which the line begins with.
 
     Raises
     ------
@@ -132,7 +137,8 @@ def refusals() -> Iterator[None]:
     try:
         yield
     except ValueError as err:
-        raise ConfigError(str(err)) from err
+        msg = f"{of}: {err}" if of else str(err)
+        raise ConfigError(msg) from err
 
 
 def grid_of(design: DoubleStroke | HybridPole | Section, given: Mapping[str, float]) -> MapGrid:

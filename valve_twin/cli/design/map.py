@@ -43,7 +43,9 @@ def _map(arguments: argparse.Namespace) -> int:
     names = ("largest_current", "currents", "positions", "fine")
     given = {n: getattr(arguments, n) for n in names if getattr(arguments, n) is not None}
     with refusals():
-        section, grid = section_of(design), grid_of(design, given)
+        grid = grid_of(design, given)
+    with refusals(arguments.design):
+        section = section_of(design)
         with progress_of("computing fields", None) as advance:
             found = compute_map(section, grid, advance)
     write_map(found, Path(arguments.out))

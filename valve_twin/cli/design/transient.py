@@ -69,7 +69,9 @@ def _transient(arguments: argparse.Namespace) -> int:
     with refusals():
         curves = read_map_of(arguments.map, design) if arguments.map else None
         shape = Trapezoid(**given)
+    with refusals(arguments.design):
         model = make_model(section_of(design), arguments.fine, arguments.skin)
+    with refusals():
         time_s, currents = shape.record(len(model.section.coils))
         x = np.full(len(time_s), arguments.position)
         found = run_transient(model, time_s, currents, x, arguments.method)
