@@ -17,6 +17,7 @@ from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.bags.read import BagWriter
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.errors import BagError, ConfigError
+from valve_twin.io.mcap.reader import McapFile
 from valve_twin.io.offline.run import (
     Record,
     assess_record,
@@ -195,6 +196,18 @@ def test_each_closed_cycle_is_told(config, write):
     told = []
     record = run_bag(config, write(), on_cycle=lambda: told.append(1))
     assert len(told) == len(record.cycles)
+
+
+def test_a_run_opens_its_bag_once(config, write, monkeypatch):
+    path, opened, plain = write(), [], McapFile.__init__
+
+    def noted(self, file, *args, **given):
+        opened.append(file)
+        plain(self, file, *args, **given)
+
+    monkeypatch.setattr(McapFile, "__init__", noted)
+    run_bag(config, path, predict=False)
+    assert len(opened) == len(set(opened))
 
 
 def test_an_open_last_cycle_is_left_out_on_demand(config, write):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from valve_twin.io.bags.contents import bag_info
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.cdr.codec import decode_string, encode_string
 from valve_twin.io.config.valve import load_config
@@ -30,7 +31,7 @@ def test_every_cycle_is_told_the_files_that_it_comes_from(tmp_path, config):
         for k in range(6):
             bag.write("/valve/run", encode_string(f"run_{k}"), log_ns=100 * (k + 1))
     cycles = [cycle(1, 100, 150), cycle(2, 160, 199), cycle(3, 250, 350), cycle(4, 110, 690)]
-    assert cycle_files(config, tmp_path / "bag", cycles) == {
+    assert cycle_files(config, bag_info(tmp_path / "bag"), cycles) == {
         1: "run_0",
         2: "run_0",
         3: "run_1, run_2",
@@ -42,7 +43,7 @@ def test_a_bag_that_was_not_imported_names_no_file(tmp_path, config):
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_topic("/other", STRING_TYPE, qos=(LATCHED,))
         bag.write("/other", encode_string("x"), log_ns=1)
-    assert cycle_files(config, tmp_path / "bag", [cycle(1, 1, 2)]) == {}
+    assert cycle_files(config, bag_info(tmp_path / "bag"), [cycle(1, 1, 2)]) == {}
 
 
 @pytest.mark.parametrize(

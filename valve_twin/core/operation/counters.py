@@ -11,16 +11,19 @@ lies between two reversals beyond a dead band, here from the measured noise: its
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from valve_twin.core.estimation.cycle.movement import REST_BAND, Moves, find_moves
+from valve_twin.core.estimation.data.masks import contiguous
 from valve_twin.core.gaps import gap_ns
+from valve_twin.core.operation.counting import believed, held_ns, open_times, walk
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import Cycle, FloatArray
+    from valve_twin.core.types import Cycle, FloatArray, IntArray
 
 SPAN_SHARES = (0.0, 0.01, 0.02, 0.05, *(k / 10 for k in range(1, 11)))
 """Lower edges of the bins of spans [shares of the stroke], assumed; the last bin has no end."""
@@ -35,6 +38,7 @@ BELIEVED = 0.9
 """A cycle counts where so many of its positions at least are believed [1], assumed."""
 
 _HOUR_NS = 3.6e12
+_SHARES = np.array(SPAN_SHARES)
 
 
 class Duty(NamedTuple):
@@ -59,8 +63,29 @@ class Duty(NamedTuple):
     end_ns: int
     moves: Moves
     position: FloatArray
-    held_ns: FloatArray
+    held_ns: IntArray
     stroke: tuple[float, float] = (math.nan, math.nan)
+
+
+class _Moved(NamedTuple):
+    """The counters of `Counters` that movements change."""
+
+    rests: bool
+    starts: int
+    reversals: int
+    done: float
+    spans: tuple[int, ...]
+    direction: int
+    begin: float
+    level: float
+
+
+class _Held(NamedTuple):
+    """The times of `Counters` that positions change."""
+
+    open_ns: int
+    closed_ns: int
+    near_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,78 +169,79 @@ class Counters:
         duty : Duty
             Of a cycle behind the last one counted.
         """
-        counted = replace(
+        closed, stroke = self._ends(duty)
+        return replace(
             self,
             cycle=duty.cycle,
             since_ns=self.since_ns if self.cycles else duty.start_ns,
             end_ns=duty.end_ns,
             cycles=self.cycles + 1,
             length_ns=self.length_ns + duty.end_ns - duty.start_ns,
+            closed=closed,
+            stroke=stroke,
+            **self._moved(duty.moves, stroke)._asdict(),
+            **self._held(duty, closed, stroke)._asdict(),
         )
-        return counted._with_ends(duty)._moved(duty.moves)._held(duty)
 
-    def _with_ends(self, duty: Duty) -> Counters:
-        """Learn the ends of the stroke where they are not known yet."""
+    def _ends(self, duty: Duty) -> tuple[float, float]:
+        """Return the closed end and the stroke, learnt where they are not known yet."""
         if math.isfinite(self.stroke):
-            return self
+            return self.closed, self.stroke
         closed, opened = duty.stroke
         levels = duty.moves.levels
         if not math.isfinite(opened - closed) and len(levels):
             closed, opened = float(levels.min()), float(levels.max())
-        return replace(self, closed=closed, stroke=opened - closed)
+        return closed, opened - closed
 
-    def _moved(self, moves: Moves) -> Counters:
-        """Add the movements of a cycle to the one that was under way."""
+    def _moved(self, moves: Moves, stroke: float) -> _Moved:
+        """Return what is so when the movements of a cycle have joined the one under way."""
         if not moves.number:
-            return replace(self, rests=True)
-        begin, *levels = (float(x) for x in moves.levels)
-        now = replace(self, rests=moves.rests, starts=self.starts + moves.starts)
-        gap = abs(begin - self.level) / moves.turn
+            return self._unmoved()
+        first = float(moves.levels[0])
+        starts = self.starts + moves.starts
+        gap = abs(first - self.level) / moves.turn
         follows = self.direction != 0 and gap <= 1.0
         if moves.early and self.rests and gap <= REST_BAND + 1.0:
-            now = replace(now, starts=now.starts + 1)
-        if follows and self.direction * (begin - self.level) > 0.0:
-            now = replace(now, level=begin)  # the extreme lies in this cycle
+            starts += 1
+        level, origin = self.level, self.begin
+        if follows and self.direction * (first - level) > 0.0:
+            level = first  # the extreme lies in this cycle
         if not self.direction:
-            now = replace(now, begin=begin, level=begin)
-        return now._through(levels if follows or not self.direction else [begin, *levels])
-
-    def _through(self, levels: list[float]) -> Counters:
-        """Move on from the level reached to others, one after the other."""
-        path = np.array([self.level, *levels])
-        ways = np.sign(np.diff(path)).astype(int)
-        path, ways = path[np.r_[True, ways != 0]], ways[ways != 0]
-        if not len(ways):
-            return self
-        turns = np.flatnonzero(np.diff(ways, prepend=self.direction or ways[0]))
-        corners = np.r_[self.begin, path[turns]]
-        spans = np.abs(np.diff(corners))
-        shares = np.array(SPAN_SHARES) * self.stroke
-        bins = np.clip(np.searchsorted(shares, spans, side="right") - 1, 0, None)
-        found = np.bincount(bins, minlength=len(SPAN_SHARES))
-        return replace(
-            self,
+            level = origin = first
+        levels = moves.levels[1:] if follows or not self.direction else moves.levels
+        edges = _SHARES * stroke
+        spans, found, direction, origin, level = walk(levels, level, self.direction, origin, edges)
+        return _Moved(
+            rests=moves.rests,
+            starts=starts,
             reversals=self.reversals + len(spans),
             done=self.done + float(spans.sum()),
-            spans=tuple(int(n) for n in np.array(self.spans) + found),
-            direction=int(ways[-1]),
-            begin=float(corners[-1]),
-            level=float(path[-1]),
+            spans=tuple(map(operator.add, self.spans, found.tolist())),
+            direction=direction,
+            begin=origin,
+            level=level,
         )
 
-    def _held(self, duty: Duty) -> Counters:
-        """Add how long the valve was open and closed."""
-        if not self.stroke > 0.0:
-            return self
-        share = np.abs(duty.position - self.closed) / self.stroke  # opens either way, perhaps
-        closed, near = share <= CLOSED, share < NEAR_CLOSED
-        total, shut, low = (int(duty.held_ns[m].sum()) for m in (slice(None), closed, near))
-        return replace(
-            self,
-            open_ns=self.open_ns + total - shut,
-            closed_ns=self.closed_ns + shut,
-            near_ns=self.near_ns + low - shut,
+    def _unmoved(self) -> _Moved:
+        return _Moved(
+            rests=True,
+            starts=self.starts,
+            reversals=self.reversals,
+            done=self.done,
+            spans=self.spans,
+            direction=self.direction,
+            begin=self.begin,
+            level=self.level,
         )
+
+    def _held(self, duty: Duty, closed: float, stroke: float) -> _Held:
+        """Return how long the valve was open and closed, with a cycle more."""
+        if not stroke > 0.0:
+            return _Held(self.open_ns, self.closed_ns, self.near_ns)
+        total, shut, low = open_times(
+            duty.position, duty.held_ns, (closed, stroke), (CLOSED, NEAR_CLOSED)
+        )
+        return _Held(self.open_ns + total - shut, self.closed_ns + shut, self.near_ns + low - shut)
 
 
 def cycle_duty(cycle: Cycle, *, normalised: bool) -> Duty | None:
@@ -229,12 +255,13 @@ def cycle_duty(cycle: Cycle, *, normalised: bool) -> Duty | None:
         Whether positions are shares of the stroke: 0 = closed, 1 = open.
     """
     frames = cycle.frames
-    good = frames.valid & np.isfinite(frames.position)
-    if not len(frames) or good.mean() < BELIEVED:
+    position = contiguous(frames.position)
+    good, count = believed(position, frames.valid)
+    if not len(frames) or count / len(frames) < BELIEVED:
         return None
-    held = np.diff(frames.stamp_ns, append=frames.stamp_ns[-1:])
-    held[held > gap_ns(cycle.period_s)] = 0
-    position = frames.position[good]
+    held = held_ns(np.ascontiguousarray(frames.stamp_ns), gap_ns(cycle.period_s))
+    if count < len(frames):
+        position, held = position[good], held[good]
     stroke = (0.0, 1.0) if normalised else (math.nan, math.nan)
     moves = find_moves(position)
-    return Duty(cycle.number, cycle.start_ns, cycle.end_ns, moves, position, held[good], stroke)
+    return Duty(cycle.number, cycle.start_ns, cycle.end_ns, moves, position, held, stroke)

@@ -27,6 +27,7 @@ from valve_twin.core.quantity.tree import (
     QuantityError,
     check_quantities,
     checked,
+    declared,
     describe,
     replaced,
 )
@@ -39,6 +40,7 @@ __all__ = [
     "check_quantities",
     "checked",
     "compiled",
+    "declared",
     "describe",
     "example",
     "needed",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 from valve_twin.core.quantity.declare import KEY, Descriptor, Kind, plain
 from valve_twin.core.quantity.names import suggest
+from valve_twin.core.records import once_a_record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -60,6 +61,21 @@ def describe(
         One a leaf field, in the order of the fields.
     """
     return tuple(_describe(node, prefix, names))
+
+
+@once_a_record
+def declared(node: type) -> Mapping[str, Descriptor]:
+    """Return the descriptors of a dataclass's own fields by name, without those of its parts.
+
+    Parameters
+    ----------
+    node : dataclass
+        Fields as of `describe`; those that hold records or other dataclasses are passed over.
+    """
+    found = (
+        (item.name, item.metadata.get(KEY)) for item in fields(cast("DataclassInstance", node))
+    )
+    return {name: meta for name, meta in found if isinstance(meta, Descriptor)}
 
 
 def _describe(

@@ -33,9 +33,10 @@ from valve_twin.io.mcap.index_check import Flaw
 from valve_twin.io.mcap.reader import messages, record_pieces
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from valve_twin.core.types import IntArray
+    from valve_twin.io.bags.contents import BagInfo
     from valve_twin.io.cdr.bag_types import BagTypes
     from valve_twin.io.mcap.format import ChunkIndex
     from valve_twin.io.mcap.reader import McapFile
@@ -95,10 +96,15 @@ class _Bag:
     parts: list[_Part]
     wanted: list[SignalSource]
     capacity: int
+    info: BagInfo
 
 
 def read_signals(
-    path: str | Path, sources: Iterable[SignalSource], *, slice_s: float = SLICE_S
+    path: str | Path,
+    sources: Iterable[SignalSource],
+    *,
+    slice_s: float = SLICE_S,
+    on_open: Callable[[BagInfo], None] = lambda _: None,
 ) -> Iterator[SignalBlock]:
     """Return the samples of some signals of a bag as blocks in log-time order.
 
@@ -111,6 +117,8 @@ def read_signals(
     slice_s : float
         Log time in one round of blocks [s]: each signal has at most one block a round, in the
         order of `sources`.
+    on_open : callable
+        Is told what the bag holds, before anything is read.
 
     Returns
     -------
@@ -126,7 +134,9 @@ def read_signals(
         If a field does not fit its type.
     """
     wanted = list(sources)
-    return _blocks_again(path, _open(path, wanted), max(1, round(slice_s * 1e9)))
+    bag = _open(path, wanted)
+    on_open(bag.info)
+    return _blocks_again(path, bag, max(1, round(slice_s * 1e9)))
 
 
 def read_columns(path: str | Path, sources: Iterable[SignalSource]) -> list[Columns]:
@@ -178,12 +188,13 @@ def _open(path: str | Path, wanted: list[SignalSource]) -> _Bag:
     with ExitStack() as stack:
         files = [open_file(name, stack) for name in names]
         parts = [_Part(f, _fields_of(f, wanted), _none_read(len(wanted))) for f in files]
-        counts = _check_topics(path, files, wanted)
+        info = contents(Path(path), files, {})
+        counts = _check_topics(info, wanted)
         known = -1 if -1 in counts else sum(counts)
         for part in parts:
             _choose(part, compiled=pays(known))
         capacity = _capacity(files, wanted, max(counts, default=0))
-        return _Bag(stack.pop_all(), parts, wanted, capacity)
+        return _Bag(stack.pop_all(), parts, wanted, capacity, info)
     raise AssertionError
 
 
@@ -235,12 +246,9 @@ def _choose(part: _Part, *, compiled: bool) -> None:
     part.channels = frozenset(f.channel for f in part.fields)
 
 
-def _check_topics(
-    path: str | Path, files: Sequence[McapFile], wanted: Sequence[SignalSource]
-) -> list[int]:
+def _check_topics(info: BagInfo, wanted: Sequence[SignalSource]) -> list[int]:
     """Return how many messages the topic of each signal has, -1 = unknown."""
-    info = contents(Path(path), files, {})
-    counts = {t.name: t.count for t in info.topics}
+    path, counts = info.path, {t.name: t.count for t in info.topics}
     for source in wanted:
         if source.topic not in counts:
             raise missing_topic(path, source.topic, f" of signal '{source.signal}'", list(counts))

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from valve_twin.core.alignment import SignalCounts
     from valve_twin.core.twin import Twin
     from valve_twin.core.types import Frames
+    from valve_twin.io.bags.contents import BagInfo
     from valve_twin.io.cdr.signals import SignalBlock
     from valve_twin.io.config.valve import ValveConfig
 
@@ -194,6 +195,7 @@ def estimate_bag(
     twin: Twin | None = None,
     freeze_after: int = 0,
     clocks: SignalClocks | None = None,
+    on_open: Callable[[BagInfo], None] = lambda _: None,
 ) -> Iterator[Event]:
     """Estimate every cycle of a bag.
 
@@ -211,6 +213,8 @@ def estimate_bag(
         See `drive`.
     clocks : SignalClocks, optional
         Is told how far the stamps are ahead of the record.
+    on_open : callable
+        Is told what the bag holds.
 
     Yields
     ------
@@ -229,7 +233,7 @@ def estimate_bag(
     # the position comes last in each round of blocks: the commands it needs are then there
     sources = sorted(config.signals.values(), key=lambda s: s.signal == position)
     rounds = in_large_rounds(
-        _noted(read_signals(bag, sources, slice_s=LARGE_S), clocks),
+        _noted(read_signals(bag, sources, slice_s=LARGE_S, on_open=on_open), clocks),
         [source.signal for source in sources],
         hold_back_s=config.hold_back_s,
         slice_s=SLICE_S,
@@ -281,8 +285,15 @@ def run_bag(
     driven = [model.inputs.index(name) for name in model.driven_by or model.inputs]
     record = Record(normalised=model.normalised, driven=driven)
     clocks = SignalClocks(get_model(config.model).output, config.hold_back_s, looks=1)
+    opened: list[BagInfo] = []
     events = estimate_bag(
-        config, bag, close_last=close_last, twin=twin, freeze_after=freeze_after, clocks=clocks
+        config,
+        bag,
+        close_last=close_last,
+        twin=twin,
+        freeze_after=freeze_after,
+        clocks=clocks,
+        on_open=opened.append,
     )
     for event in events:
         record.add(event)
@@ -291,7 +302,7 @@ def run_bag(
     record.close()
     record.counts = twin.counts()
     record.offsets = clocks.look()
-    record.files = cycle_files(config, bag, record.cycles)
+    record.files = cycle_files(config, opened[0], record.cycles)
     return record
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from typing import TYPE_CHECKING
 
-from valve_twin.io.bags.contents import bag_info
 from valve_twin.io.cdr.codec import decode_string
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.playback.player import read_messages
@@ -15,8 +14,8 @@ from valve_twin.io.tables.csv_import import RUN_TOPIC
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
+    from valve_twin.io.bags.contents import BagInfo
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.io.history.tables import CycleRecord
 
@@ -30,7 +29,7 @@ NOT_MEASURED = (
 
 
 def cycle_files(
-    config: ValveConfig, bag: str | Path, cycles: Sequence[CycleRecord]
+    config: ValveConfig, bag: BagInfo, cycles: Sequence[CycleRecord]
 ) -> dict[int, str]:
     """Return by the number of a cycle the imported files that it comes from.
 
@@ -38,8 +37,8 @@ def cycle_files(
     ----------
     config : ValveConfig
         The valve.
-    bag : path
-        The bag; one that was not imported names no files.
+    bag : BagInfo
+        What the bag holds; one that was not imported names no files.
     cycles : sequence of CycleRecord
         Closed cycles.
 
@@ -49,11 +48,11 @@ def cycle_files(
         If the bag cannot be read.
     """
     topic = resolve_topic(RUN_TOPIC, config.name)
-    if not cycles or topic not in {t.name for t in bag_info(bag).topics}:
+    if not cycles or all(t.name != topic for t in bag.topics):
         return {}
     starts: list[int] = []
     names: list[str] = []
-    for message in read_messages(bag, [topic]):
+    for message in read_messages(bag.path, [topic]):
         starts.append(message.log_ns)
         names.append(decode_string(message.data))
     found = {}

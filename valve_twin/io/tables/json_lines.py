@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from valve_twin.core.operation.counters import Counters
     from valve_twin.core.types import Estimate
 
+_line = json.JSONEncoder(allow_nan=False).encode
+"""One record as a line of JSON."""
 
 _FIRST = (
     "kind", "valve", "model", "estimator", "cycle", "start_ns", "end_ns", "names", "units",
@@ -88,17 +90,17 @@ def json_lines(
         fields = estimate_fields(estimate, valve)
         if files:
             fields["file"] = files.get(estimate.cycle, "")
-        yield json.dumps(fields, allow_nan=False)
+        yield _line(fields)
     if assessment is None:
         return
     for trend in assessment.trends:
-        yield json.dumps({"kind": "trend", "valve": valve, **_fields(trend)}, allow_nan=False)
+        yield _line({"kind": "trend", "valve": valve, **_fields(trend)})
     verdict = {"kind": "verdict", "valve": valve, **_fields(assessment.verdict)}
-    yield json.dumps(verdict, allow_nan=False)
+    yield _line(verdict)
     advice = advise(assessment.verdict, assessment.trends)
-    yield json.dumps({"kind": "advice", "valve": valve, **advice_fields(advice)})
+    yield _line({"kind": "advice", "valve": valve, **advice_fields(advice)})
     if counters is not None:
-        yield json.dumps(counters_fields(valve, counters), allow_nan=False)
+        yield _line(counters_fields(valve, counters))
 
 
 def counters_fields(valve: str, counters: Counters) -> dict[str, Any]:

@@ -102,6 +102,18 @@ def test_constants_that_are_exact_cost_no_further_estimate():
     assert len(calls) == 1
 
 
+def test_nothing_is_estimated_again_where_no_estimate_is_widened():
+    calls = []
+
+    def once(options):
+        calls.append(options)
+        return said(options)
+
+    options = Options(tolerances=Absolute())
+    assert with_tolerances(options, once, ("another",), absolute=True) == said(options)
+    assert len(calls) == 1
+
+
 def test_an_interval_of_the_model_s_own_is_widened():
     def given(options):
         x, y = said(options)[0].parameters

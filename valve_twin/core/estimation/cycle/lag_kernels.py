@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Compiled passes over one cycle that compare motion with two commands at a lag."""
+"""Compiled passes over one cycle: what varies, and motion against two commands at a lag."""
 
 from __future__ import annotations
 
@@ -12,6 +12,33 @@ from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
+
+
+@njit(cache=True)
+def varies(values: FloatArray) -> bool:
+    """Return whether N > 0 finite values are not all the same."""
+    i = 1
+    while i < len(values) and values[i] == values[0]:
+        i += 1
+    return i < len(values)
+
+
+@njit(cache=True)
+def equals(first: FloatArray, second: FloatArray) -> bool:
+    """Return whether two columns of N values are the same in every sample."""
+    i = 0
+    while i < len(first) and first[i] == second[i]:
+        i += 1
+    return i == len(first)
+
+
+@njit(cache=True)
+def steps_within(position: FloatArray, largest: float) -> bool:
+    """Return whether N positions step by anything up to the largest, but not by 0."""
+    for i in range(1, len(position)):
+        if 0.0 < abs(position[i] - position[i - 1]) <= largest:
+            return True
+    return False
 
 
 @njit(cache=True)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from valve_twin.core.estimation.data.masks import contiguous
 from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.kernels import njit
 
@@ -109,14 +110,33 @@ def find_moves(position: FloatArray) -> Moves:
     still = Moves(np.empty(0))
     if len(position) < 3:
         return still
-    sigma = difference_sigma(np.diff(position, 2), 2)
-    steps = np.abs(np.diff(position))
-    step = float(steps[steps > 0.0].min(initial=np.inf))
+    position = contiguous(position)
+    bends = np.empty(len(position) - 2)
+    step, span = _steps(position, bends)
     if not np.isfinite(step):
         return still
-    turn = max(TURN * sigma, LEAST_TURN * float(np.ptp(position)), STEPS * step)
+    sigma = difference_sigma(bends, 2)
+    turn = max(TURN * sigma, LEAST_TURN * span, STEPS * step)
     starts, early, rests = _starts(position, REST_BAND * turn)
     return Moves(_turns(position, turn, sigma), turn, int(starts), bool(early), bool(rests))
+
+
+@njit(cache=True)
+def _steps(position: FloatArray, bends: FloatArray) -> tuple[float, float]:
+    """Return the least step other than 0, infinite without one, and the range; fill the bends.
+
+    These are the second differences.
+    """
+    least = np.inf
+    low = high = position[0]
+    for i in range(1, len(position)):
+        step = position[i] - position[i - 1]
+        if abs(step) > 0.0:
+            least = min(least, abs(step))
+        low, high = min(low, position[i]), max(high, position[i])
+        if i > 1:
+            bends[i - 2] = step - (position[i - 1] - position[i - 2])
+    return least, high - low
 
 
 @njit(cache=True)

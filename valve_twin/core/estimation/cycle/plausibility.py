@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.cycle.lag_kernels import effects_at_lag
+from valve_twin.core.estimation.cycle.lag_kernels import effects_at_lag, equals, varies
 from valve_twin.core.gaps import PERIOD_TOLERANCE
 
 if TYPE_CHECKING:
@@ -92,11 +92,11 @@ def same_fault(names: Sequence[str], columns: Sequence[FloatArray]) -> str:
     names : sequence of str
         The signals.
     columns : sequence of (N,) arrays
-        Their values [1].
+        Their values, finite [1].
     """
     for i, first in enumerate(columns):
         for j in range(i):
-            if (first == columns[j]).all() and float(np.ptp(first)) > 0.0:
+            if equals(first, columns[j]) and varies(first):
                 return (
                     f"{names[j]} and {names[i]} carry the same values: correct "
                     f"signals.{names[j]} or signals.{names[i]}"
@@ -112,9 +112,9 @@ def still_fault(names: Sequence[str], commands: Sequence[FloatArray]) -> str:
     names : sequence of str
         The commands.
     commands : sequence of (N,) arrays
-        Their values [1].
+        Their values, finite [1].
     """
-    if any(float(np.ptp(u)) > 0.0 for u in commands) or not any(u[0] for u in commands):
+    if any(varies(u) for u in commands) or not any(u[0] for u in commands):
         return ""
     where = " and ".join(f"{n} at {u[0]:.4g}" for n, u in zip(names, commands, strict=True))
     topics = " and ".join(f"signals.{n}.topic" for n in names)

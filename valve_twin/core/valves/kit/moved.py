@@ -11,20 +11,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import hypot, inf, isfinite, isnan, sqrt
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from valve_twin.core.estimation.data.robust import NORMAL_975
-from valve_twin.core.quantity import describe
+from valve_twin.core.quantity import declared
 from valve_twin.core.types import EstimateStatus
 from valve_twin.core.valves.kit.outcome import not_excited
 from valve_twin.core.valves.kit.tolerances import limiting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-
-    from _typeshed import DataclassInstance
 
     from valve_twin.core.types import Estimate, FloatArray, ParameterValue
     from valve_twin.core.valves.interface import ModelOptions
@@ -61,15 +59,16 @@ def moves_of(options: ModelOptions, *, absolute: bool) -> Moves:
     absolute : bool
         The tolerances are in the unit of the constant, not in parts of it.
     """
-    found, known = {}, {d.name: d for d in describe(options)}
-    for constant in describe(cast("DataclassInstance", options.tolerances)):
-        value = float(getattr(options, constant.name))
-        sigma = cast("float", constant.default) * (1.0 if absolute else abs(value)) / sqrt(3.0)
+    found: dict[str, tuple[float, ...]] = {}
+    tolerances, known = options.tolerances, declared(type(options))
+    for name in declared(type(tolerances)):
+        value = float(getattr(options, name))
+        sigma = getattr(tolerances, name) * (1.0 if absolute else abs(value)) / sqrt(3.0)
         if sigma > 0.0:
-            lower, upper = known[constant.name].lower, known[constant.name].upper
+            lower, upper = known[name].lower, known[name].upper
             sides = [x for x in (value + sigma, value - sigma) if lower <= x <= upper]
             sides = sides or [lower, upper]
-            found[constant.name] = tuple(sides if absolute else sides[:1])
+            found[name] = tuple(sides if absolute else sides[:1])
     return Moves(tuple(found), tuple(found.values()))
 
 
@@ -93,8 +92,12 @@ def with_tolerances(
     absolute : bool
         The tolerances are in the unit of the constant, not in parts of it.
     """
-    found, moves = estimate(options), moves_of(options, absolute=absolute)
-    if not moves.names or all(e.status is EstimateStatus.REFUSED for e in found):
+    found = estimate(options)
+    refused = all(e.status is EstimateStatus.REFUSED for e in found)
+    if refused or not any(e.estimator in of for e in found):
+        return found
+    moves = moves_of(options, absolute=absolute)
+    if not moves.names:
         return found
     asked = tuple(name for name in options.estimators if name in of)
     asides = []

@@ -216,10 +216,11 @@ class PressCartridgeModel(AsLaw, CompiledModel):
         span = seats[1] - seats[0]
         reach = (LARGEST - 1.0) * span
         # limits of a signal take out what would show its unit
-        seen = cycle.frames.position[np.isfinite(cycle.frames.position)]
+        whole, seen = known is cycle.frames, cycle.frames.position
+        seen = seen if whole else seen[np.isfinite(seen)]
         faults.append(unit_fault(self.output, seen, seats[0] - reach, seats[1] + reach))
         y, period_s = known.position, cycle.period_s
-        faults.append(lost_fault(names, cycle.frames))
+        faults.append("" if whole else lost_fault(names, cycle.frames))
         faults.append(step_fault(self.output, y, span))
         faults.append(stroke_fault(self.output, y, options.usual_stroke))
         faults.append(same_fault(names, columns) or still_fault(self.inputs, columns[1:]))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.cycle.lag_kernels import explained_by_lag
+from valve_twin.core.estimation.cycle.lag_kernels import explained_by_lag, steps_within
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -68,8 +68,7 @@ def step_fault(name: str, position: FloatArray, span: float) -> str:
     span : float
         Distance of the seats [1].
     """
-    motion = np.abs(np.diff(position))
-    if np.any((motion > 0.0) & (motion <= _COARSEST * span)):
+    if steps_within(position, _COARSEST * span):
         return ""  # the usual case, without sorting
     steps = np.diff(np.sort(position))
     steps = steps[steps > 0.0]
