@@ -2,7 +2,9 @@
 # Copyright 2026 valve_twin maintainers
 """What stands in for interfaces that others keep private."""
 
+import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -32,3 +34,53 @@ def test_the_interpreter_is_shared():
         assert sys.getswitchinterval() == pytest.approx(compat.SWITCH_S)
     finally:
         sys.setswitchinterval(before)
+
+
+KERNELS_ALONE = """
+import sys
+from valve_twin import compat
+
+compat.load_kernels_alone()
+import numpy as np
+from valve_twin.core.estimation.cycle.movement import find_moves
+from valve_twin.kernels import njit
+
+assert find_moves(np.linspace(0.0, 1.0, 8)).travel > 0.9
+early = {"cffi", "numba.np.linalg"} & sys.modules.keys()
+solve = njit(lambda a, b: np.linalg.solve(a, b))(2.0 * np.eye(2), np.ones(2))
+assert solve.tolist() == [0.5, 0.5]
+print(*early, *({"scipy.linalg"} & sys.modules.keys()), "was needed")
+"""
+
+
+def test_a_kernel_comes_from_its_cache_without_the_compiler_and_one_of_none_is_compiled():
+    """What a compiler needs is not there before; what BLAS needs comes with its first call."""
+    assert programmed(KERNELS_ALONE).split()[-3:] == ["scipy.linalg", "was", "needed"]
+    assert programmed(KERNELS_ALONE) == "scipy.linalg was needed\n"  # now it is in the cache
+
+
+TYPES_ALONE = """
+import sys
+from valve_twin import compat
+
+compat.load_types_alone()
+from std_msgs.msg import Int64
+from rclpy.type_support import check_for_type_support
+
+check_for_type_support(Int64)
+assert "lark" not in sys.modules
+import rosidl_generator_py.generate_py_impl
+print("lark" in sys.modules)
+"""
+
+
+def test_a_message_type_finds_its_library_without_what_generates_it():
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    assert programmed(TYPES_ALONE) == "True\n"
+
+
+def programmed(program):
+    """Return what a program of its own prints."""
+    command = [sys.executable, "-c", program]
+    root = Path(__file__).parents[1]
+    return subprocess.run(command, check=True, capture_output=True, text=True, cwd=root).stdout

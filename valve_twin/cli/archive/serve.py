@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.cli.archive.fleet import aging_rules, nameplates
 from valve_twin.cli.common import OK, USAGE, add_url, add_verb, fail, say
+from valve_twin.compat import load_kernels_alone
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.uncollected import uncollected
 
@@ -159,6 +160,7 @@ def _opened(arguments: argparse.Namespace, stack: ExitStack) -> Callable[[], Non
         return fail(f"serve: {err.name} is missing: pip install valve_twin[gateway]", USAGE)
     if not arguments.url:
         return fail("serve: --url is missing: name the history", USAGE)
+    load_kernels_alone()
     from valve_twin.gateway import serving
     from valve_twin.gateway.faces import faces
     from valve_twin.gateway.plant import Plant

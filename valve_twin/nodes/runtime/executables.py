@@ -36,7 +36,7 @@ _ASKS_OFTEN = {"bag_player", "bag_recorder"}
 
 _USAGE = 2
 
-_PREDICT = {"twin"}
+_COMPUTE = {"twin", "simulated_valve", "aging_monitor", "gateway"}
 """Nodes whose kernels come compiled from the installation."""
 
 
@@ -88,8 +88,11 @@ def run(name: str) -> int:
     if not _accepts(name):
         return 1
     gc.disable()  # until the node has started: imports make hardly any garbage
-    if name in _PREDICT:
+    if name == "twin":
         compat.spare_imports()
+    compat.load_types_alone()
+    if name in _COMPUTE:
+        compat.load_kernels_alone()
     _choose_transport(name)
     room, kind = _NODES[name]
     make = getattr(import_module(f"valve_twin.nodes.{room}.node"), kind)
