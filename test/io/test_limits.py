@@ -17,7 +17,7 @@ import zstandard
 from mcap.records import Schema
 
 from test import peak
-from test.io import foreign_verbs
+from test.io import foreign_designs, foreign_verbs
 from test.io.foreign import INSTRUMENTS, SUBJECTS, campaign, imported
 from valve_twin.io.bags.folder import find_files
 from valve_twin.io.cdr.bag_types import BagTypes
@@ -233,6 +233,18 @@ def test_every_verb_tells_what_a_mutated_bag_lacks(tmp_path):
 @pytest.mark.parametrize("kind", ["text", "tdms"])
 def test_configure_tells_what_the_reader_tells(kind, tmp_path):
     assert foreign_verbs.of_configure(kind, tmp_path, 3, 3) == []
+
+
+@pytest.mark.parametrize("kind", foreign_designs.KINDS)
+def test_a_mutated_design_is_what_its_texts_say_or_refused(kind, tmp_path):
+    assert foreign_designs.of_designs(kind, tmp_path, 3, 30) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(10))
+@pytest.mark.parametrize("kind", foreign_designs.KINDS)
+def test_each_of_ten_thousand_designs_is(kind, part, tmp_path):
+    assert foreign_designs.of_designs(kind, tmp_path, 200 + part, 1000) == []
 
 
 @pytest.mark.slow

@@ -88,3 +88,24 @@ def test_a_broken_drawing_gets_one_line_whatever_is_broken(tmp_path):
             said.append(str(err))
     assert len(said) > 20
     assert [text for text in said if not text.startswith(f"{path}: ") or "\n" in text] == []
+
+
+def test_a_polyline_that_lost_a_corner_or_lies_in_another_plane_is_refused(tmp_path):
+    """Read in silence before: a triangle of a rectangle, and what is drawn mirrored as it is."""
+    path = tmp_path / "d.dxf"
+    write_dxf(DoubleStroke().section(), path)
+    text = path.read_text(encoding="utf-8")
+    drawn = text.index("LWPOLYLINE")
+    at = text.index(" 10\n", drawn)
+    corner = text[at : text.index(" 10\n", at + 1)]
+    for changed, words in (
+        (corner, "a polyline of 3 corners that claims 4: is damaged"),
+        (corner.partition(" 20\n")[0], "a polyline of 3 corners that claims 4: is damaged"),
+    ):
+        path.write_text(text[:at] + text[at:].replace(changed, "", 1), encoding="utf-8")
+        with pytest.raises(ValueError, match=words):
+            read_dxf(path)
+    turned = "210\n0\n220\n0\n230\n-1\n"
+    path.write_text(text[:at] + turned + text[at:], encoding="utf-8")
+    with pytest.raises(ValueError, match="holds a polyline in another plane: draw it in x, y"):
+        read_dxf(path)

@@ -4,9 +4,13 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
+from test.peak import forget_peak, peak_mb
+from valve_twin.design.field.grid import make_grid
 from valve_twin.design.geometry.section import (
     Motion,
     Region,
@@ -101,3 +105,31 @@ def test_a_motion_that_would_fold_the_air_is_refused(change, words):
     Motion(**known)
     with pytest.raises(ValueError, match=words):
         Motion(**{**known, **change})
+
+
+def stairs(count, wide):
+    """Return the regions of so many squares along a diagonal, `wide` of their distance each."""
+    step = 40e-3 / count
+    places = [1e-3 + k * step for k in range(count)]
+    outlines = [rectangle(a, a + wide * step, a, a + wide * step) for a in places]
+    return tuple(Region(f"s{k}", "steel", outline) for k, outline in enumerate(outlines))
+
+
+def box(regions):
+    return Section("box", regions, {"steel": Steel()}, None, radius=0.05, low=-0.05, high=0.05)
+
+
+def test_a_drawing_of_many_corners_is_checked_at_once_or_refused():
+    """4 GB and minutes went for 2000 squares, 60 MB a square."""
+    begin = time.process_time()
+    forget_peak()
+    before_mb = peak_mb()
+    section = box(stairs(499, 0.5))
+    with pytest.raises(ValueError, match="s8 and s9 overlap at r ="):
+        box((*stairs(499, 0.5)[:8], *stairs(499, 1.5)[8:9], *stairs(499, 0.5)[9:]))
+    with pytest.raises(ValueError, match="2004 corners, a field is computed of at most 2000"):
+        box(stairs(501, 0.5))
+    with pytest.raises(ValueError, match="more than 500000 cells: let corners share"):
+        make_grid(section)
+    assert time.process_time() - begin < 10.0
+    assert peak_mb() - before_mb < 200.0

@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The end of a message about a name that is not known."""
+"""The end of a message about a name that is not known; numbers that are not what they seem."""
 
 from __future__ import annotations
 
+import re
 from difflib import get_close_matches
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+ODD_NUMBER = re.compile(r"[-+]?(\d[\d_]*(:\d+)+(\.\d*)?|.*_.*|0[xXbBoO].*|0\d+)")
+"""Numbers of YAML 1.1 that people write as something else: 1:30, 1_000, 0x10, 010."""
 
 
 def suggest(name: str, known: Iterable[str], *, shown: int = 12) -> str:

@@ -31,6 +31,7 @@ _AT_CORNER = 0.25  # size at the corners over the widest [1]
 _ACROSS_SLIDE, _ACROSS_GAP = 3.0, 6.0  # elements across the gaps around and before the armature
 _LEAST_SKIN = 2e-5  # [m]
 _MOST_LINES = 600
+_MOST_CELLS = 500_000  # some 2 GB of memory for a field, assumed
 _SAME = 1e-7  # of the size of the box: lines so near are one [1]
 
 
@@ -88,7 +89,7 @@ def make_grid(section: Section, fine: float = 1.0, skin: float = math.inf) -> Gr
     Raises
     ------
     ValueError
-        If `fine` or `skin` is out of range, or slanted edges ask for more lines than can be.
+        If `fine` or `skin` is out of range, or the corners ask for more lines than can be.
     """
     if not 0.2 <= fine <= 6.0:
         message = f"fine = {fine:g}: must be from 0.2 to 6 [1]"
@@ -113,6 +114,12 @@ def make_grid(section: Section, fine: float = 1.0, skin: float = math.inf) -> Gr
     r, z = _closed(r, z, edges, near)
     if mirror:
         z = middle + 0.5 * (z - z[::-1])
+    if len(r) * len(z) > _MOST_CELLS:
+        message = (
+            f"the corners ask for {len(r)} times {len(z)} grid lines, more than {_MOST_CELLS} "
+            "cells: let corners share radii or places on the axis, or lower fine"
+        )
+        raise ValueError(message)
     return _cut(section, r, z, edges, near)
 
 

@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from math import isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from valve_twin.design.geometry.section import Outline, Section
@@ -19,6 +21,9 @@ _UNITS = {0: _MM, 1: 25.4e-3, 2: 0.3048, 4: _MM, 5: 1e-2, 6: 1.0}
 """$INSUNITS of a drawing in metres; one without a unit is taken as millimetres."""
 _LARGEST = 10 << 20
 """Of a drawing [B]: ezdxf takes some 15 times as much memory; 5000 outlines of 100 corners fit."""
+
+_TURNED = "turned LWPOLYLINE"
+_CLAIM, _X, _Y = 90, 10, 20  # group codes: how many corners there are, and of each
 
 
 def write_dxf(section: Section, path: Path) -> None:
@@ -58,11 +63,15 @@ def read_dxf(path: Path) -> dict[str, list[Outline]]:
     """
     _check_size(path)
     try:
+        lost = _lost_corners(path)
         units, pieces = _pieces(path)
     except Exception as err:  # whatever a broken drawing makes ezdxf raise
         why = " ".join(str(err).split()) or type(err).__name__
         message = f"{path}: is no DXF drawing that can be read ({why})"
         raise ValueError(message) from err
+    if lost:
+        message = f"{path}: {lost}: is damaged, save it anew"
+        raise ValueError(message)
     unit = _UNITS.get(units)
     if unit is None:
         message = f"{path}: $INSUNITS = {units}: must be inch, foot, mm, cm or m"
@@ -71,6 +80,10 @@ def read_dxf(path: Path) -> dict[str, list[Outline]]:
     for layer, kind, closed, corners in pieces:
         if kind != "LWPOLYLINE":
             message = f"{path}: a {kind} on layer '{layer}': only LWPOLYLINEs are read"
+            if kind == _TURNED:
+                message = (
+                    f"{path}: layer '{layer}' holds a polyline in another plane: draw it in x, y"
+                )
             raise ValueError(message)
         if not isfinite(sum(map(sum, corners))):
             message = f"{path}: layer '{layer}' holds a corner that is no finite number"
@@ -98,12 +111,43 @@ def _pieces(path: Path) -> tuple[int, list[_Piece]]:
     drawing = readfile(path)
     pieces: list[_Piece] = []
     for item in drawing.modelspace():
-        closed, corners = False, []
+        kind, closed, corners = item.dxftype(), False, []
         if isinstance(item, LWPolyline):
             closed = item.closed
+            kind = item.dxftype() if tuple(item.dxf.extrusion) == (0.0, 0.0, 1.0) else _TURNED
             corners = [(float(x), float(y), float(b)) for x, y, b in item.get_points("xyb")]
-        pieces.append((str(item.dxf.layer), item.dxftype(), closed, corners))
+        pieces.append((str(item.dxf.layer), kind, closed, corners))
     return int(drawing.units), pieces
+
+
+def _lost_corners(path: Path) -> str:
+    """Return which polyline has other corners than it claims, which ezdxf overlooks."""
+    from ezdxf.lldxf.tagger import ascii_tags_loader, binary_tags_loader
+    from ezdxf.lldxf.validator import is_binary_dxf_file
+
+    if is_binary_dxf_file(str(path)):
+        return _lost_of(binary_tags_loader(path.read_bytes(), errors="surrogateescape"))
+    with path.open(encoding="utf-8", errors="surrogateescape") as file:
+        return _lost_of(ascii_tags_loader(file))
+
+
+def _lost_of(tags: Iterable[Any]) -> str:
+    from ezdxf.lldxf.types import DXFTag
+
+    kind, found = "", dict[int, list[str]]()
+    for tag in chain(tags, [DXFTag(0, "EOF")]):
+        code, value = int(tag.code), str(tag.value)
+        if code:
+            found.setdefault(code, []).append(value)
+            continue
+        if kind == "LWPOLYLINE":
+            claimed = str(found.get(_CLAIM, ["none"])[0]).strip()
+            count = len(found.get(_X, ()))
+            if claimed != str(count) or len(found.get(_Y, ())) != count:
+                return f"a polyline of {count} corners that claims {claimed}"
+        kind = value.strip()
+        found = {}
+    return ""
 
 
 def _check_size(path: Path) -> None:

@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from valve_twin.core.quantity import checked, describe, example, replaced, suggest
+from valve_twin.core.quantity.names import ODD_NUMBER
 from valve_twin.design.geometry.double_stroke import DoubleStroke
 from valve_twin.design.geometry.dxf import read_dxf
 from valve_twin.design.geometry.hybrid_pole import HybridPole
@@ -33,6 +34,41 @@ _MM = 1e-3
 _DEEPEST = 8  # levels of a design's YAML
 _LONGEST = 1 << 18  # characters of one; the longest of ours has 3000
 _BOX = ("radius", "low", "high")
+_TEXTS = (
+    ("material", "air"),
+    ("coil", ""),
+)  # of a region, with what is usual
+
+
+class _Loader(yaml.SafeLoader):
+    """Takes each key once and each number as people read it."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Return a mapping; a key that stands twice is refused."""
+        lines: dict[str, int] = {}
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue  # no key at all, as is said below
+            line = key.start_mark.line + 1
+            if key.value in lines:
+                why = f"'{key.value}' stands twice, in lines {lines[key.value]} and {line}"
+                raise yaml.constructor.ConstructorError(problem=why)
+            lines[key.value] = line
+        return super().construct_mapping(node, deep)
+
+    def number(self, node: yaml.ScalarNode) -> float:
+        """Return a number; one that people read otherwise than YAML does is refused."""
+        whole = node.tag.endswith(":int")
+        value = self.construct_yaml_int(node) if whole else self.construct_yaml_float(node)
+        if ODD_NUMBER.fullmatch(node.value):
+            line = node.start_mark.line + 1
+            why = f"line {line}: '{node.value}' is {value} to YAML; write {value}"
+            raise yaml.constructor.ConstructorError(problem=why)
+        return value
+
+
+for _tag in ("int", "float"):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _Loader.number)
 
 
 def read_design(
@@ -102,7 +138,7 @@ def _read_yaml(path: Path) -> dict[str, object]:
         with path.open(encoding="utf-8") as file:
             text = file.read(_LONGEST + 1)
         _check_plain(text)
-        found = yaml.safe_load(text)
+        found = yaml.load(text, Loader=_Loader)  # a safe one
     except (OSError, ValueError, yaml.YAMLError) as err:
         message = f"{path}: cannot be read ({' '.join(str(err).split())})"
         raise ValueError(message) from err
@@ -172,7 +208,7 @@ def _section(given: dict[str, object], folder: Path) -> Section:
         raise ValueError(message)
     pieces = [piece for item in regions for piece in _regions(item, drawing)]
     materials = _materials(given.get("materials", {}))
-    name = str(given.get("name", "section"))
+    name = _text(given.get("name", "section"), "name")
     return Section(name, tuple(pieces), materials, moves, **box)
 
 
@@ -200,7 +236,7 @@ def _regions(item: object, drawing: Mapping[str, list[Outline]]) -> list[Region]
     if not isinstance(item, dict) or "name" not in item:
         message = f"regions: {item!r} is no region; each has name, material, outline_mm or layer"
         raise ValueError(message)
-    name = str(item["name"])
+    name = _text(item["name"], "regions: name")
     known = {"name", "material", "outline_mm", "layer", "coil", "turns"}
     for key in item:
         if key not in known:
@@ -215,21 +251,38 @@ def _regions(item: object, drawing: Mapping[str, list[Outline]]) -> list[Region]
     else:
         outlines = [_outline(name, item.get("outline_mm"))]
     try:
-        turns = float(item.get("turns", 0.0))
+        turns = _number(item.get("turns", 0.0))
     except (TypeError, ValueError):
         message = f"{name}: turns = {item['turns']!r}: must be a number"
         raise ValueError(message) from None
-    material, coil = str(item.get("material", "air")), str(item.get("coil", ""))
+    material, coil = (_text(item.get(key, usual), f"{name}.{key}") for key, usual in _TEXTS)
     return [Region(name, material, outline, coil, turns) for outline in outlines]
 
 
 def _outline(name: str, given: object) -> Outline:
     try:
-        corners = tuple((float(r) * _MM, float(z) * _MM) for r, z in given)  # type: ignore[attr-defined]
+        corners = tuple((_number(r) * _MM, _number(z) * _MM) for r, z in given)  # type: ignore[attr-defined]
     except (TypeError, ValueError):
         message = f"{name}: outline_mm = {given!r}: must be a list of [r, z]"
         raise ValueError(message) from None
     return corners
+
+
+def _number(given: object) -> float:
+    """Return a number; 2e-3, which YAML takes for a text, is one."""
+    if isinstance(given, bool) or not isinstance(given, (int, float, str)):
+        raise TypeError
+    if isinstance(given, str) and "_" in given:  # to Python 1_0 is 10
+        raise ValueError
+    return float(given)
+
+
+def _text(given: object, owner: str) -> str:
+    """Return a name; a number may be one."""
+    if isinstance(given, bool) or not isinstance(given, (int, float, str)):
+        message = f"{owner} = {given!r}: must be a text"
+        raise ValueError(message)
+    return str(given)
 
 
 def _numbers(given: object, owner: str, names: tuple[str, ...]) -> dict[str, float]:

@@ -11,7 +11,7 @@ across the gaps at its ends (in z) and around it (in r).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import combinations, pairwise
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
 
 Outline = tuple[tuple[float, float], ...]
+
+_MOST_CORNERS = 2000
+"""Of all outlines, assumed: each is a line of the grid in r and in z [1]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +130,13 @@ class Section:
         object.__setattr__(self, "materials", {AIR: Linear(), **self.materials})
         names = dict.fromkeys(r.coil for r in self.regions if r.coil)
         object.__setattr__(self, "coils", tuple(sorted(names)))
+        corners = sum(len(region.outline) for region in self.regions)
+        if corners > _MOST_CORNERS:
+            message = (
+                f"{self.name}: its outlines have {corners} corners, a field is computed of at "
+                f"most {_MOST_CORNERS}: draw arcs with fewer edges"
+            )
+            raise ValueError(message)
         for region in self.regions:
             self._check(region)
         self._check_overlaps()
@@ -172,18 +182,29 @@ class Section:
 
     def _check_overlaps(self) -> None:
         """Refuse two regions that share a place; tried in every cell between corners."""
-        corners = np.array([corner for region in self.regions for corner in region.outline])
-        r, z = (_thirds(np.unique(axis)) for axis in corners.T)
-        at_r, at_z = (points.ravel() for points in np.meshgrid(r, z))
-        covers = [inside(region.outline, at_r, at_z) for region in self.regions]
-        for (one, covered), (other, also) in combinations(
-            zip(self.regions, covers, strict=True), 2
-        ):
-            both = np.flatnonzero(covered & also)
-            if len(both):
+        outlines = [region.outline for region in self.regions]
+        corners = np.array([corner for outline in outlines for corner in outline])
+        start = np.concatenate([np.array(outline) for outline in outlines])
+        end = np.concatenate([np.roll(np.array(outline), -1, axis=0) for outline in outlines])
+        owner = np.repeat(np.arange(len(outlines)), [len(outline) for outline in outlines])
+        (r0, z0), (r1, z1) = start.T, end.T
+        r, heights = (np.sort(_thirds(np.unique(axis))) for axis in corners.T)
+        for z in heights:
+            on = np.flatnonzero((z0 > z) != (z1 > z))
+            at = r0[on] + (z - z0[on]) * (r1[on] - r0[on]) / (z1[on] - z0[on])
+            order = np.lexsort((at, owner[on]))  # each region's edges by pairs: in and out again
+            bounds = np.searchsorted(r, at[order]).reshape(-1, 2)
+            of = owner[on][order][::2]
+            covers = np.zeros(len(r) + 1, dtype=np.int64)
+            np.add.at(covers, bounds[:, 0], 1)
+            np.subtract.at(covers, bounds[:, 1], 1)
+            shared = np.flatnonzero(np.cumsum(covers) > 1)
+            if len(shared):
+                within = (bounds[:, 0] <= shared[0]) & (shared[0] < bounds[:, 1])
+                one, other = (self.regions[k] for k in np.sort(of[within])[:2])
                 message = (
-                    f"{one.name} and {other.name} overlap at r = {at_r[both[0]]:.6g}, "
-                    f"z = {at_z[both[0]]:.6g} [m]: move their outlines apart"
+                    f"{one.name} and {other.name} overlap at r = {r[shared[0]]:.6g}, "
+                    f"z = {z:.6g} [m]: move their outlines apart"
                 )
                 raise ValueError(message)
 

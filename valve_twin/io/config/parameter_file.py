@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
+from valve_twin.core.quantity.names import ODD_NUMBER
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.limits import CONSTRUCTORS_MEET, check_yaml
 
@@ -19,10 +20,6 @@ if TYPE_CHECKING:
 
 WRAPPER = "ros__parameters"
 _LIST = "tag:yaml.org,2002:seq"
-
-
-_ODD_NUMBER = re.compile(r"[-+]?(\d[\d_]*(:\d+)+(\.\d*)?|.*_.*|0[xXbBoO].*|0\d+)")
-"""Numbers of YAML 1.1 that people write as something else: 1:30, 1_000, 0x10, 010."""
 
 
 class _OddNumberError(Exception):
@@ -178,7 +175,7 @@ def _value(loader: yaml.SafeLoader, node: yaml.Node) -> object:
     if (
         isinstance(value, (int, float))
         and isinstance(node, yaml.ScalarNode)
-        and _ODD_NUMBER.fullmatch(node.value)
+        and ODD_NUMBER.fullmatch(node.value)
     ):
         msg = f"'{node.value}' is {value} to YAML; write {value}, or '\"{node.value}\"' for a text"
         raise _OddNumberError(msg)
