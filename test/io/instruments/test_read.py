@@ -354,6 +354,24 @@ def test_a_link_of_an_mdf_channel_to_another_block_is_told(tmp_path, link):
     assert "lead to other blocks" in told or "is no whole MDF file" in told
 
 
+def test_a_channel_that_is_lost_behind_one_whose_links_are_not_counted_is_told(tmp_path):
+    """One more and one less made as many as there are: ``p`` was lost in silence."""
+    asammdf = pytest.importorskip("asammdf")
+    path = tmp_path / "a.mf4"
+    foreign.mdf(path)
+    with asammdf.MDF(path) as file:
+        at = file.groups[1].channels[0].address
+    changed = bytearray(path.read_bytes())
+    changed[at + 16 : at + 24] = (9 << 32).to_bytes(8, "little")  # how many links there are
+    changed[at + 24 : at + 32] = bytes(8)  # the next channel
+    path.write_bytes(changed)
+    try:
+        told = " ".join(read_recording(path).notices)
+    except BagError as err:
+        told = str(err)
+    assert "of 4 channels that it holds its links lead to 3" in told, told
+
+
 def test_an_mdf_channel_without_bits_is_told(tmp_path):
     asammdf = pytest.importorskip("asammdf")
     path = tmp_path / "a.mf4"

@@ -75,7 +75,8 @@ def read_mdf(path: Path) -> Recording:
             ]
             check_size(path, sum(8 * file.groups[g].channel_group.cycles_nr for g, _ in places))
             check_count(path, len(places))
-            notices = _unreached(path, sum(len(group.channels) for group in file.groups))
+            reached = {int(c.address) for g in file.groups for c in g.channels if _has_place(c)}
+            notices = _unreached(path, reached)
             notices += _timeless(path, file, sorted({g for g, _ in places}))
             notices += _over_others(path, file, sorted({g for g, _ in places}))
             columns, empty, short = [], [], []
@@ -109,16 +110,23 @@ def read_mdf(path: Path) -> Recording:
                      notices=tuple(notices))  # fmt: skip
 
 
-def _unreached(path: Path, count: int) -> list[str]:
+def _has_place(channel: Any) -> bool:  # noqa: ANN401  of asammdf
+    """Return whether a channel says where its block lies in the file."""
+    return bool(getattr(channel, "address", 0))
+
+
+def _unreached(path: Path, reached: set[int]) -> list[str]:
     """Say where the links of a file of version 4 do not lead to its channels or their parts."""
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as whole:
         if not whole[8:10].startswith(b"4."):
             return []
         found = [m.start() for m in _CHANNEL.finditer(whole) if m.start() % 8 == 0]
-        astray = sum(_is_astray(whole, at) for at in found)
+        astray = sum(_is_astray(whole, at) for at in {*found, *reached})
     lines = []
-    if len(found) > count:
-        lines.append(f"of {len(found)} channels that it holds its links lead to {count}")
+    lost = [at for at in found if at not in reached]
+    if lost:
+        held = len(reached) + len(lost)
+        lines.append(f"of {held} channels that it holds its links lead to {len(reached)}")
     if astray:
         lines.append(f"links of {astray} channels, such as to their units, lead to other blocks")
     return [f"{path}: {line}; export it anew" for line in lines]
@@ -126,8 +134,10 @@ def _unreached(path: Path, count: int) -> list[str]:
 
 def _is_astray(whole: mmap, at: int) -> bool:
     """Return whether a link of the channel at a place [B] leads to a block of another kind."""
-    links = struct.unpack_from("<8Q", whole, at + 24) if at + 88 <= len(whole) else ()
-    return any(
+    if at + 88 > len(whole):
+        return False
+    count, *links = struct.unpack_from("<9Q", whole, at + 16)
+    return count < len(_LEADS_TO) or any(
         link and (whole[link : link + 2] != b"##" or whole[link + 2 : link + 4] not in kinds)
         for link, kinds in zip(links, _LEADS_TO, strict=False)
     )
