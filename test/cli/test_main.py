@@ -16,7 +16,6 @@ import pytest
 
 from test.bag_samples import write_sample
 from valve_twin.cli import main
-from valve_twin.cli.design import verb as design
 from valve_twin.cli.design.verb import STEPS
 from valve_twin.cli.main import VERBS
 from valve_twin.core.operation.counters import Counters
@@ -276,9 +275,17 @@ def test_report_without_a_bag_shows_the_history(stored, edited, tmp_path):
 
 def test_help_of_every_verb_is_printed(capsys):
     steps = [("design", *named(step)) for step in STEPS]
-    for verb in [named(verb) for verb in VERBS if verb is not design] + steps:
+    for verb in [(verb,) for verb in VERBS if verb != "design"] + steps:
         assert call(*verb, "--help") == OK
         assert " ".join(("valve-twin", *verb)) in capsys.readouterr().out
+
+
+def test_a_verb_is_read_without_the_others():
+    program = "import sys; from valve_twin.cli import main; sys.exit(main(['info', '--help']))"
+    command = [sys.executable, "-X", "importtime", "-c", program]
+    imported = subprocess.run(command, check=True, capture_output=True, text=True).stderr
+    assert "valve_twin.cli.bags.info" in imported
+    assert "valve_twin.cli.archive" not in imported
 
 
 def named(module):
