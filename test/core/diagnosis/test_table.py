@@ -45,3 +45,9 @@ def test_a_noisier_sensor_multiplies_the_noise_of_any_valve():
 def test_a_table_without_levels_has_its_signatures_for_every_valve():
     table = replace(TABLE, levels=())
     assert table.on_levels(np.zeros(3))[0] == pytest.approx(TABLE.changes())
+
+
+def test_no_feature_scatters_less_than_sampling_or_rounding_makes_it():
+    own = replace(TABLE, covariance=((0.04, 0.0), (0.0, 0.01)), floor=(0.1, 0.3))
+    assert own.least() == pytest.approx([0.2, 0.3])
+    assert own.least(0.25) == pytest.approx([0.1, 0.3])

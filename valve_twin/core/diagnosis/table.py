@@ -187,6 +187,16 @@ class SignatureTable:
         most = BY_NAME[own.fault].most / abs(own.severity) if own.fault in BY_NAME else np.inf
         return lower, min(2.0 if max(ratios) > 1.0 else np.inf, most)
 
+    def least(self, quiet: float = 1.0) -> FloatArray:
+        """Return the least standard deviation of each feature between sound cycles, (F,).
+
+        Parameters
+        ----------
+        quiet : float
+            Share of what sampling alone does on the simulated valve that counts [1].
+        """
+        return np.maximum(self.floor, quiet * np.sqrt(np.diag(self.covariance)))
+
     def changes(self) -> FloatArray:
         """Return the changes of all signatures, (S, F)."""
         return np.array([s.change for s in self.signatures])

@@ -77,7 +77,7 @@ def first_beyond(
     chance = max(config.alone, 1e-12)
     rule = (config.beyond * _FACTORS, config.window, chance)
     rows = np.ascontiguousarray(vectors)
-    row, number = _first(rows, _least_of(table), max(begin, 0), *rule)
+    row, number = _first(rows, _QUIET * table.least(), max(begin, 0), *rule)
     return (row, row - number + 1) if row >= 0 else None
 
 
@@ -106,7 +106,7 @@ def nearer_before(
         return None
     rows, changed, back = np.arange(len(vectors)), 0, np.zeros(len(vectors))
     columns = np.ascontiguousarray(vectors.T)
-    for column, least in zip(columns, _least_of(table), strict=True):
+    for column, least in zip(columns, _QUIET * table.least(), strict=True):
         place = since + np.flatnonzero(np.isfinite(column[since:first]))
         if len(place) < max(_LEAST - 1, _KNOWN * (first - since)):
             continue
@@ -119,12 +119,6 @@ def nearer_before(
             half = 0.5 * abs(float(np.median(off[first : alarm + 1])))
             back += ~(np.abs(off) >= half)  # what is not shown says nothing
     return np.asarray(back > 0.5 * changed, dtype=np.bool_) if changed else None
-
-
-def _least_of(table: SignatureTable) -> FloatArray:
-    """Return the least that counts as the farthest before, (F,) [unit by feature]."""
-    quiet = np.sqrt(np.diag(np.array(table.covariance)))
-    return np.asarray(_QUIET * np.maximum(np.array(table.floor), quiet))
 
 
 @njit(cache=True)

@@ -131,7 +131,7 @@ def _mean(rows: FloatArray) -> FloatArray:
 
 def _size(name: str, change: FloatArray, table: SignatureTable) -> float:
     """Return the size of a fault whose signatures are nearest to a change of features (F,)."""
-    spread = np.sqrt(np.maximum(np.diag(np.array(table.covariance)), np.array(table.floor) ** 2))
+    spread = table.least()
     known = np.isfinite(change) & (spread > 0.0)
     off = change[known] / spread[known]
     found: list[tuple[float, float]] = []

@@ -89,11 +89,10 @@ def scatter_of(reference: FeatureReference, table: SignatureTable, valve: str = 
     """
     off = reference.offsets()
     shown = np.isfinite(off).any(axis=0)
-    floor, quiet = np.array(table.floor), np.sqrt(np.diag(table.covariance))
     within = np.array(reference.within)
     own = np.sqrt(np.diag(within))
-    never = ~shown | ((own == 0.0) & (floor < _ROUNDING))
-    least = np.maximum(floor, quiet)
+    never = ~shown | ((own == 0.0) & (np.array(table.floor) < _ROUNDING))
+    least = table.least()
     within = within + np.diag(np.maximum(least**2 - own**2, 0.0) + 1e-4 * own**2 + 1e-24)
     off, valves = np.nan_to_num(off), len(off)
     prior = np.diag(within) + _assumed(table, reference) ** 2 + reference.moved() ** 2 / 3.0
