@@ -45,7 +45,6 @@ HELD = 52
 """Cycles of every valve in the history at the start: what a twin remembers is then full."""
 
 NS = "/plant"
-_KEPT = 12  # messages of diagnostics: other nodes of the graph publish them, too
 
 
 def valve_names(count: int) -> list[str]:
@@ -116,6 +115,7 @@ class Soak:
         self.database = folder / "history.sqlite"
         fill(self.database, valves)
         self.diagnostics = graph.record("/diagnostics", DiagnosticArray)
+        self._newest: dict[str, dict[str, str]] = {}
         parameters = {
             "valves": valve_names(valves),
             "model": model,
@@ -166,7 +166,6 @@ class Soak:
         waiting = on_disk = 0
         while self.plant.poll() is None:
             self.graph.spin(every_s)
-            del self.diagnostics[:-_KEPT]
             figures = self.figures()
             waiting = max(waiting, sum(int(f["estimations pending"]) for f in figures))
             on_disk = max(on_disk, sum(int(f["cycles waiting on disk"]) for f in figures))
@@ -226,7 +225,6 @@ class Soak:
                     self._blocks()[-1],
                 )
             )
-            del self.diagnostics[:-2]
         return found
 
     def send(self, cycles: int) -> None:
@@ -259,17 +257,14 @@ class Soak:
         end = time.monotonic() + left_s
         while not done() and time.monotonic() < end:
             self.graph.spin(0.2)
-            del self.diagnostics[:-_KEPT]
 
     def figures(self) -> list[dict[str, str]]:
-        """Return the newest figures of every valve."""
-        found = {
-            s.hardware_id: {v.key: v.value for v in s.values}
-            for m in self.diagnostics
-            for s in m.status
-            if s.hardware_id.startswith(NS)
-        }
-        return list(found.values())
+        """Return the newest figures of every valve; each message is read once."""
+        while self.diagnostics:
+            for s in self.diagnostics.pop(0).status:
+                if s.hardware_id.startswith(NS):
+                    self._newest[s.hardware_id] = {v.key: v.value for v in s.values}
+        return list(self._newest.values())
 
     def _blocks(self) -> list[float]:
         if not self.counts.exists():
