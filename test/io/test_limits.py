@@ -17,7 +17,7 @@ import zstandard
 from mcap.records import Schema
 
 from test import peak
-from test.io import foreign_designs, foreign_verbs
+from test.io import foreign_designs, foreign_estimates, foreign_verbs
 from test.io.foreign import INSTRUMENTS, SUBJECTS, campaign, imported
 from valve_twin.io.bags.folder import find_files
 from valve_twin.io.cdr.bag_types import BagTypes
@@ -233,6 +233,26 @@ def test_every_verb_tells_what_a_mutated_bag_lacks(tmp_path):
 @pytest.mark.parametrize("kind", ["text", "tdms"])
 def test_configure_tells_what_the_reader_tells(kind, tmp_path):
     assert foreign_verbs.of_configure(kind, tmp_path, 3, 3) == []
+
+
+ESTIMATES = {
+    "bags": foreign_estimates.of_bags,
+    "histories": foreign_estimates.of_histories,
+    "pages": foreign_estimates.of_pages,
+    "archives": foreign_estimates.of_archives,
+}
+
+
+@pytest.mark.parametrize("of", ESTIMATES)
+def test_what_estimates_mutated_files_gives_what_the_sound_ones_give_or_names_them(of, tmp_path):
+    assert ESTIMATES[of](tmp_path, 3, 4) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(10))
+@pytest.mark.parametrize("of", ESTIMATES)
+def test_what_estimates_five_hundred_does(of, part, tmp_path):
+    assert ESTIMATES[of](tmp_path, 200 + part, 50) == []
 
 
 @pytest.mark.parametrize("kind", foreign_designs.KINDS)
