@@ -144,15 +144,18 @@ def assess_identifiability(
     """
     limit = (options or IdentifiabilityOptions()).max_error
     size = np.abs(values) if sizes is None else np.asarray(sizes, np.float64)
-    raw = np.nan_to_num(sensitivity * size)
+    raw = sensitivity * size
+    if not np.isfinite(raw).all():
+        raw = np.nan_to_num(raw)
     scaled = raw / max(sigma, _EXACT * float(np.max(np.abs(raw), initial=0.0)), _SMALLEST)
     alone = np.sqrt(np.sum(scaled**2, axis=0))
     excited = np.flatnonzero(alone * limit > 1.0)
     errors = 1.0 / np.maximum(alone, _SMALLEST)
     errors[excited] = _errors(scaled[:, excited])
     errors[alone == 0.0] = np.inf
+    seen = set(excited.tolist())
     reasons = [
-        "" if k in excited else f"{name} has no effect above the noise"
+        "" if k in seen else f"{name} has no effect above the noise"
         for k, name in enumerate(names)
     ]
     powers = sizes is None and bool(np.all(values[excited] > 0.0))
@@ -248,7 +251,8 @@ def _errors(scaled: FloatArray) -> FloatArray:
     if not scaled.shape[1]:
         return np.zeros(0)
     _, singular, directions = np.linalg.svd(_triangle(scaled))
-    singular = np.append(singular, np.zeros(len(directions) - len(singular)))
+    if len(singular) < len(directions):
+        singular = np.append(singular, np.zeros(len(directions) - len(singular)))
     floor = np.maximum(singular, _TINY * singular[0])
     return np.asarray(np.sqrt(np.sum((directions / floor[:, None]) ** 2, axis=0)))
 

@@ -24,7 +24,7 @@ from valve_twin.core.valves.press_cartridge.estimation.response.phases import (
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks
-    from valve_twin.core.types import BoolArray, FloatArray, Frames
+    from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
 
 _LONG_GAP = 10
 """A gap above this many samples is not bridged: the run starts again after it."""
@@ -185,11 +185,12 @@ def lay_out(
     steps[long] = options.max_lag + 1
     index = np.concatenate((np.zeros(min(len(frames), 1), np.int64), np.cumsum(steps)))
     size = int(index[-1]) + 1 if len(index) else 0
-    source = np.arange(size)
+    source: slice | IntArray = slice(None)
+    here = np.ones(size, np.bool_)
     if size > len(index):  # periods are missing
-        source = np.searchsorted(index, source, side="right") - 1
-    here = np.zeros(size, np.bool_)
-    here[index] = True
+        source = np.searchsorted(index, np.arange(size), side="right") - 1
+        here[:] = False
+        here[index] = True
     broken = np.zeros(size, np.bool_)
     broken[index[1:][long]] = True
     known = ~masks.bad & np.isfinite(frames.position)
@@ -199,7 +200,7 @@ def lay_out(
     if np.isfinite(noise_sigma):
         margin = max(margin, _NOISE_MARGIN * noise_sigma)
     return Run(
-        position=position[source],
+        position=np.ascontiguousarray(position[source]),
         use=(known & ~masks.any)[source] & here,
         stuck=masks.stuck[source],
         broken=broken,

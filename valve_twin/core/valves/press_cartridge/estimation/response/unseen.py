@@ -18,12 +18,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.valves.press_cartridge.estimation.free_run import acting_command
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,
+    Stretch,
     pole_likelihood,
 )
+from valve_twin.core.valves.press_cartridge.estimation.response.phases import delayed
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
@@ -47,6 +49,9 @@ _EDGE = 0.4
 """Standard deviation of when a jump acts [samples]: uniform within one sample, and the time that a
 pilot takes to follow it, assumed."""
 
+_DROWNED = 10.0
+"""Noise in steps of the sensor at which no more than e^-1971 is left of a step, which is 0 [1]."""
+
 
 def timing_spread(
     run: Run, phases: Phases, timing: Timing, columns: BoolArray, options: OutputErrorOptions
@@ -69,16 +74,13 @@ def timing_spread(
     (5, 5) array
         Mean products of the deviations, linear parameters of `output_error_kernel`.
     """
-    center = _fit(run, phases, timing, 0.0, columns, options)[1]
+    center = _fits(run, phases, timing, np.zeros(1), columns, options)[1]
     freed = free_jumps(run, phases, options)
-    likelihoods, off = [], []
-    for shift in _SHIFTS:
-        if timing.delay + shift >= 0.0:
-            likelihood, linear = _fit(run, freed, timing, shift, columns, options)
-            likelihoods.append(likelihood + (shift / _USUAL) ** 2)
-            off.append(linear - center)
-    weights = np.exp(-0.5 * (np.array(likelihoods) - min(likelihoods)))
-    deviations = np.array(off)
+    shifts = np.array([shift for shift in _SHIFTS if timing.delay + shift >= 0.0])
+    likelihoods, linear = _fits(run, freed, timing, shifts, columns, options)
+    likelihoods += (shifts / _USUAL) ** 2
+    weights = np.exp(-0.5 * (likelihoods - likelihoods.min()))
+    deviations = linear - center
     spread: FloatArray = (deviations.T * (weights / weights.sum())) @ deviations
     return spread
 
@@ -93,9 +95,9 @@ def free_jumps(run: Run, phases: Phases, options: OutputErrorOptions) -> Phases:
     """
     leaving, anchor = phases.leaving.copy(), phases.anchor.copy()
     last = len(anchor) - 1
-    moved = np.abs(np.diff(run.position, prepend=run.position[:1]))
+    moved = _jumps(run.position)
     for v in (phases.v_in, phases.v_out):
-        jumps = np.abs(np.diff(v, prepend=v[:1])) > _JUMP * options.v_max
+        jumps = _jumps(v) > _JUMP * options.v_max
         on = v > options.guard.active_command
         gain = float(moved[on].sum()) / max(float(v[on].sum()), 1e-9)
         for first in np.flatnonzero(jumps & ~leaving & ~phases.seated).tolist():
@@ -107,6 +109,13 @@ def free_jumps(run: Run, phases: Phases, options: OutputErrorOptions) -> Phases:
     return replace(phases, leaving=leaving, anchor=anchor)
 
 
+def _jumps(values: FloatArray) -> FloatArray:
+    """Return how far each of N values lies from the one before; the first from nowhere, 0."""
+    jumps = np.zeros(len(values))
+    np.abs(np.subtract(values[1:], values[:-1]), out=jumps[1:])
+    return jumps
+
+
 def step_leak(run: Run, phases: Phases) -> float:
     """Return by how much steps of the sensor may shift the leak, half of an interval [1/sample].
 
@@ -115,13 +124,26 @@ def step_leak(run: Run, phases: Phases) -> float:
     run, phases : Run, Phases
         The cycle, and its phases at the fitted delay.
     """
+    if not np.isfinite(run.noise_sigma) or run.noise_sigma > _DROWNED * _least_step(run.position):
+        return 0.0  # the usual case, without sorting
     levels = np.unique(run.position)
-    if len(levels) < 2 or not np.isfinite(run.noise_sigma):
+    if len(levels) < 2:
         return 0.0
     step = float(np.diff(levels).min())
     noise = (run.noise_sigma / step) ** 2 - 1.0 / 12.0  # less that of rounding, in steps
     spread = np.exp(-2.0 * np.pi**2 * max(noise, 0.0))
     return float(step * spread / max(_longest(~phases.moving & phases.free), 1))
+
+
+@njit(cache=True)
+def _least_step(position: FloatArray) -> float:
+    """Return the least step from one sample to the next other than 0; infinite without one."""
+    least = np.inf
+    for i in range(1, len(position)):
+        step = abs(position[i] - position[i - 1])
+        if 0.0 < step < least:
+            least = step
+    return least
 
 
 def _longest(marks: BoolArray) -> int:
@@ -131,17 +153,43 @@ def _longest(marks: BoolArray) -> int:
     return int(lengths.max()) if len(lengths) else 0
 
 
-def _fit(
+def _fits(
     run: Run,
     phases: Phases,
     timing: Timing,
-    shift: float,
+    shifts: FloatArray,
     columns: BoolArray,
     options: OutputErrorOptions,
-) -> tuple[float, FloatArray]:
-    """Return minus twice the log likelihood, and the linear parameters, (5,)."""
-    acting = [acting_command(v, timing.delay + shift) for v in (run.v_in, run.v_out)]
-    data = phases.stretch(run.position, run.use)._replace(v_in=acting[0], v_out=acting[1])
-    p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
-    pole, v_max, wander = timing.pole, options.v_max, options.wander
-    return pole_likelihood(data, v_max, wander, columns, pole, p, gram), p
+) -> tuple[FloatArray, FloatArray]:
+    """Return minus twice the log likelihood, (S,), and the linear parameters, (S, 5), by shift."""
+    data, delays = phases.stretch(run.position, run.use), timing.delay + shifts
+    v_max, wander = options.v_max, options.wander
+    return _fit_each(data, run.v_in, run.v_out, delays, v_max, wander, columns, timing.pole)
+
+
+@njit(cache=True)
+def _fit_each(
+    data: Stretch,
+    v_in: FloatArray,
+    v_out: FloatArray,
+    delays: FloatArray,
+    v_max: float,
+    wander: float,
+    columns: BoolArray,
+    pole: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Fit with the commands let act after each of the delays."""
+    likelihood, linear = np.empty(len(delays)), np.zeros((len(delays), N_LINEAR))
+    for i in range(len(delays)):
+        late = Stretch(
+            data.y,
+            data.use,
+            data.free,
+            data.anchor,
+            data.moving,
+            delayed(v_in, delays[i]),
+            delayed(v_out, delays[i]),
+        )
+        gram = np.zeros((N_COLUMNS, N_COLUMNS))
+        likelihood[i] = pole_likelihood(late, v_max, wander, columns, pole, linear[i], gram)
+    return likelihood, linear
