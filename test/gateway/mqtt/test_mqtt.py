@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("paho.mqtt.client", reason="needs the extra gateway")
 
-from paho.mqtt.client import CONNACK_ACCEPTED, MQTT_ERR_NO_CONN
+from paho.mqtt.client import CONNACK_ACCEPTED, MQTT_ERR_NO_CONN, MQTTMessage
 
 from valve_twin.gateway.mqtt import face
 from valve_twin.gateway.mqtt.broker import Broker, Message
@@ -150,6 +150,25 @@ def test_what_nobody_reads_is_not_kept_without_end(monkeypatch):
     for _ in range(9):
         face._hear(events, HEARD)
     assert events.qsize() == 3
+
+
+def message(payload: bytes, topic=b"spBv1.0/g/DDATA/n/a"):
+    made = MQTTMessage(1, topic)
+    made.payload = payload
+    return made
+
+
+def test_large_messages_of_others_take_no_memory_and_topics_that_are_no_text_harm_nobody():
+    events: queue.Queue[face._Event] = queue.Queue()
+    for n in range(20_000):
+        face._hear(events, message(bytes(face.LARGEST_HEARD if n % 2 else 10)))
+    kept = [len(given.payload) for _, given in events.queue]
+    assert len(kept) == face.MOST_HEARD
+    assert sum(kept) < 80_000_000
+    events = queue.Queue()
+    face._hear(events, message(bytes(face.LARGEST_HEARD + 1)))
+    face._hear(events, message(b"1", b"spBv1.0/g/DDATA/n/\xff"))
+    assert events.empty()
 
 
 def test_a_broker_that_is_gone_for_a_day_is_told_once_and_tried_twice_a_minute(

@@ -46,6 +46,12 @@ KEEPALIVE_S = 10
 MOST_HEARD = 10_000
 """Messages that wait to be read; what comes beyond is dropped: our own data are sent again [1]."""
 
+LARGEST_HEARD = 1 << 16
+"""A payload beyond this is none of ours, and dropped [B]."""
+
+LARGE, MOST_LARGE = 1 << 12, 625
+"""Payloads beyond the first [B] only wait among fewer messages than the second [1]: some 80 MB."""
+
 MOST_WAITING = 1000
 """Messages that wait for the network; as long as they do nothing more is said [1]."""
 
@@ -177,7 +183,14 @@ class MqttFace:
 
 
 def _hear(events: queue.Queue[_Event], message: MQTTMessage) -> None:
-    if events.qsize() < MOST_HEARD:
+    """Keep a message to be read, unless it is none of ours or too many wait."""
+    size = len(message.payload)
+    try:
+        message.topic.encode()  # made of the bytes that came when it is asked for
+    except UnicodeError:
+        return
+    most = MOST_HEARD if size <= LARGE else min(MOST_HEARD, MOST_LARGE)
+    if size <= LARGEST_HEARD and events.qsize() < most:
         events.put(("heard", message))
 
 

@@ -187,22 +187,25 @@ class SparkplugSpeaker:
         topic, payload : str, bytes
             What the broker handed on; of foreign origin.
         """
-        try:
-            if topic == self._topic(MessageType.NCMD):
-                asked = NCmd.decode(payload).metrics
-                wanted = any(m.name == REBIRTH and m.value is True for m in asked)
-                return wanted and time.monotonic() - self._born_s >= BIRTHS_S
-            metrics = DData.decode(payload).metrics
-        except Exception:  # whatever somebody else sends to our topics
-            return False
-        cycle = next((m.value for m in metrics if m.name == CYCLE), None)
+        if topic == self._topic(MessageType.NCMD):
+            return self._rebirth(payload)
         name = topic.rpartition("/")[2]
-        if isinstance(cycle, int) and self._sent.get((name, cycle)) == payload:
+        cycle = next((c for (n, c), p in self._sent.items() if n == name and p == payload), None)
+        if cycle is not None:
             del self._sent[name, cycle]
             self._moved_s, self._silent = time.monotonic(), 0
             if name in self._valves:
                 self.backlog.confirm(self._valves[name], cycle)
         return False
+
+    def _rebirth(self, payload: bytes) -> bool:
+        """Return whether a command is one to be born again, and not too often."""
+        try:
+            asked = NCmd.decode(payload).metrics
+            wanted = any(m.name == REBIRTH and m.value is True for m in asked)
+        except Exception:  # whatever somebody else sends to our topics
+            return False
+        return wanted and time.monotonic() - self._born_s >= BIRTHS_S
 
     def farewell(self) -> list[Message]:
         """Return the death that is said at a clean end, which the broker's will does not say."""
