@@ -72,3 +72,13 @@ def test_what_came_between_two_connections_is_not_lost_by_the_server():
     assert (grid.missing, grid.unheard, grid.repeated) == (1, 6, 1)
     assert list(grid.sorted([Sample(0, 25 * MS, 1.0, first=True), *samples(29, 31)], 0))
     assert (grid.missing, grid.unheard) == (2, 6 + 3 + 3)
+
+
+def test_a_clock_that_is_set_forward_loses_nothing_either():
+    """A stamp of 9999 counted 25e12 samples as missing; an hour of no word counts."""
+    grid, now_ns, hour = Grid(0.01), 1_700_000_000_000_000_000, 3_600_000_000_000
+    stamps = [now_ns, 253_370_764_800_000_000_000, now_ns + 10 * MS, now_ns + 30 * MS]
+    assert list(grid.sorted([Sample(0, stamp, 1.0) for stamp in stamps], now_ns))
+    assert (grid.samples, grid.missing) == (4, 1)
+    assert list(grid.sorted([Sample(0, now_ns + hour, 1.0)], now_ns + hour))
+    assert grid.missing == 1 + 360_000 - 4

@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 SHARE = 0.1
 """A stamp so far off the grid, as share of the period, begins another run, assumed [1]."""
 
+JUMP_NS = 60_000_000_000
+"""Stamps that go on by so much more than our clock are those of a clock that was set, not of
+samples that are missing, assumed [ns]."""
+
 
 class Grid:
     """Counts and groups the samples of one tag.
@@ -30,12 +34,13 @@ class Grid:
         Samples that came, those of them without a good value, and those that came again with the
         last stamp [1].
     missing, unheard : int
-        Samples whose stamps are missing while connected, and those between two connections [1].
+        Samples whose stamps are missing while connected, and those between two connections; not
+        what a clock that was set jumps over [1].
     """
 
     def __init__(self, period_s: float) -> None:
         self._period_ns = period_s * 1e9
-        self._last_ns = 0
+        self._last_ns = self._came_ns = 0
         self._connections = 0
         self._begins = False
         self.samples = self.masked = self.missing = self.unheard = self.repeated = 0
@@ -51,7 +56,7 @@ class Grid:
         samples : iterable of Sample
             In the order in which they came.
         now_ns : int
-            Stamp of a sample that has none [ns since 1970].
+            When they came; the stamp of a sample that has none [ns since 1970].
         """
         start_ns, values = 0, list[float]()
         for sample in samples:
@@ -61,7 +66,7 @@ class Grid:
                 self.repeated += 1
                 self._begins = sample.first
                 continue
-            self._count(stamp_ns, sample)
+            self._count(stamp_ns, sample, now_ns)
             off_ns = stamp_ns - (start_ns + len(values) * self._period_ns)
             if values and (not self._period_ns or abs(off_ns) > SHARE * self._period_ns):
                 yield start_ns, values
@@ -72,14 +77,15 @@ class Grid:
         if values:
             yield start_ns, values
 
-    def _count(self, stamp_ns: int, sample: Sample) -> None:
+    def _count(self, stamp_ns: int, sample: Sample, now_ns: int) -> None:
         self.samples += 1
         self.masked += math.isnan(sample.value)
-        if self._period_ns and 0 < self._last_ns < stamp_ns:
+        most_ns = now_ns - self._came_ns + JUMP_NS
+        if self._period_ns and 0 < self._last_ns < stamp_ns <= self._last_ns + most_ns:
             gap = max(round((stamp_ns - self._last_ns) / self._period_ns) - 1, 0)
             if not (sample.first or self._begins):
                 self.missing += gap
             elif self._connections > 1:
                 self.unheard += gap
         self._begins = sample.first
-        self._last_ns = stamp_ns
+        self._last_ns, self._came_ns = stamp_ns, now_ns
