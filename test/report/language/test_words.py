@@ -18,8 +18,7 @@ from markupsafe import Markup
 import valve_twin.gateway
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.verdict import Trend, TrendStatus, VerdictKind, decide, held_back
-from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Finding
-from valve_twin.core.diagnosis.history import describe_finding
+from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Finding, describe_finding
 from valve_twin.core.diagnosis.table import BY_NAME, SHOWN_BY, partner
 from valve_twin.core.faults.advice import BY_VERDICT, FAULT_ADVICE
 from valve_twin.core.faults.kinds import FAULT_KINDS

@@ -32,7 +32,7 @@ from valve_twin.core.aging.limits.forecast import (
     with_life,
     without_forecast,
 )
-from valve_twin.core.aging.limits.hidden import clocks_beside, with_hidden
+from valve_twin.core.aging.limits.hidden import with_hidden
 from valve_twin.core.aging.limits.states import (
     held_limits,
     limit_state,
@@ -62,7 +62,7 @@ from valve_twin.core.aging.verdict import (
     describe_remaining,
     held_back,
 )
-from valve_twin.core.diagnosis.changes.finding import CLOCK, NOTHING, Diagnosis
+from valve_twin.core.diagnosis.changes.finding import CLOCK, NOTHING, Diagnosis, clocks_beside
 from valve_twin.core.diagnosis.checks import begun_anew, failed_checks
 from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.diagnosis.refused import refused_lately

@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from valve_twin.core.diagnosis.history import describe_finding
+from valve_twin.core.diagnosis.changes.finding import describe_finding
 from valve_twin.core.diagnosis.refused import FRESH
 
 if TYPE_CHECKING:

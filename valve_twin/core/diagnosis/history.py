@@ -12,7 +12,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.changes.across import doubt_across, doubt_of_product
 from valve_twin.core.diagnosis.changes.elsewhere import Elsewhere, followed_by
-from valve_twin.core.diagnosis.changes.finding import CLOCK, NOTHING, UNKNOWN, Diagnosis, Finding
+from valve_twin.core.diagnosis.changes.finding import CLOCK, NOTHING, Diagnosis, Finding
 from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
@@ -25,7 +25,7 @@ from valve_twin.core.diagnosis.given.judged import judged, without_first
 from valve_twin.core.diagnosis.products import clocks_apart, products
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still, with_still
-from valve_twin.core.diagnosis.table import BY_NAME, PAIRS, partner
+from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.core.diagnosis.watch.growing import present
 from valve_twin.core.diagnosis.watch.memory import Known
 from valve_twin.core.past.columns import Settled, past_of
@@ -417,30 +417,3 @@ def _model(name: str) -> ValveModel | None:
         return get_model(name)
     except ValueError:
         return None
-
-
-def describe_finding(finding: Finding) -> str:
-    """Return a fault in one line: which, how large, since when, what fits as well."""
-    since = f"since cycle {finding.onset}"
-    deviation = f"{finding.deviation:.1f}" if finding.deviation < 100.0 else "over 100"
-    sure = f"{deviation} standard deviations of one cycle"
-    if finding.fault == UNKNOWN:
-        return f"a sudden change that is like no known fault, {since} ({sure})"
-    kind = BY_NAME[finding.fault]
-    if finding.fault == CLOCK:
-        return (
-            f"{kind.text} {abs(finding.severity) * 1e6:.0f} ppm, seen {since} ({sure}): log both "
-            "by one clock, or synchronise the two"
-        )
-    if not np.isfinite(finding.severity):
-        return f"{kind.text}, {since}"
-    if not np.isfinite(finding.deviation):
-        sure = "no sound valve shows it"
-    unit = "" if kind.unit == "1" else f" {kind.unit}"
-    line = f"{kind.text}, size {finding.severity:.2g}{unit}, {since} ({sure})"
-    if not finding.rivals:
-        return line
-    others = " or ".join(BY_NAME[name].text for name in finding.rivals)
-    settled = PAIRS.get(frozenset({finding.fault, partner(finding.fault)}), "")
-    how = f": {settled} to tell the two" if partner(finding.fault) in finding.rivals else ""
-    return f"{line}; the data fit as well: {others}{how}"

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.aging.verdict import TrendStatus
-from valve_twin.core.diagnosis.history import describe_finding
+from valve_twin.core.diagnosis.changes.finding import describe_finding
 from valve_twin.core.diagnosis.table import PARTS
 from valve_twin.core.faults.advice import advise
 from valve_twin.io.config.node_parameters import AgingMonitorParameters

@@ -4,9 +4,8 @@
 
 import numpy as np
 
-from valve_twin.core.aging.limits.hidden import clocks_beside, hidden_in, with_hidden
+from valve_twin.core.aging.limits.hidden import hidden_in, with_hidden
 from valve_twin.core.aging.verdict import Verdict, VerdictKind
-from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.diagnosis.table import SHOWN_BY, with_floor
 from valve_twin.core.past.columns import past_of
@@ -71,11 +70,3 @@ def test_only_an_ok_tells_what_is_hidden():
     )
     assert with_hidden(ok, past).evidence == f"largest drift: none; {hidden_in(past)}"
     assert with_hidden(other, past) is other
-
-
-def test_clocks_are_told_beside_a_fault_and_alone_by_the_verdict():
-    leak = Finding("leak", (), "valve", 1e-3, 9.0, 14, 20)
-    clock = Finding("clock", (), "sensor", 3e-4, 20.0, 1, 40)
-    beside = clocks_beside(Diagnosis((leak, clock), 40, ready=True))
-    assert beside.startswith("beside it clocks of position and commands apart, by 300 ppm")
-    assert clocks_beside(Diagnosis((clock,), 40, ready=True)) == ""

@@ -2,7 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """Clocks apart hide no fault: it is told first, and they beside it."""
 
-from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding
+from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding, clocks_beside
 
 
 def finding(name, part, onset, end=-1):
@@ -27,3 +27,11 @@ def test_what_clocks_apart_look_like_is_told_as_clocks():
 def test_clocks_are_told_where_no_other_fault_lasts():
     found = Diagnosis((finding("leak", "valve", 14, end=20), CLOCK), 40, ready=True)
     assert (found.present, found.clocks) == (CLOCK, None)
+
+
+def test_clocks_are_told_beside_a_fault_and_alone_by_the_verdict():
+    leak = Finding("leak", (), "valve", 1e-3, 9.0, 14, 20)
+    clock = Finding("clock", (), "sensor", 3e-4, 20.0, 1, 40)
+    beside = clocks_beside(Diagnosis((leak, clock), 40, ready=True))
+    assert beside.startswith("beside it clocks of position and commands apart, by 300 ppm")
+    assert clocks_beside(Diagnosis((clock,), 40, ready=True)) == ""

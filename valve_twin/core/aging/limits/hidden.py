@@ -12,12 +12,11 @@ import numpy as np
 from valve_twin.core.aging.verdict import Verdict, VerdictKind
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.config import detection_of
-from valve_twin.core.diagnosis.history import describe_finding, followed, products_of
+from valve_twin.core.diagnosis.history import followed, products_of
 from valve_twin.core.diagnosis.table import BY_NAME, SHOWN_BY
 from valve_twin.core.diagnosis.watch.alarm import known_by, whitened
 
 if TYPE_CHECKING:
-    from valve_twin.core.diagnosis.changes.finding import Diagnosis
     from valve_twin.core.diagnosis.config import DetectionConfig
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.past.columns import Past
@@ -42,11 +41,6 @@ def with_hidden(verdict: Verdict, past: Past) -> Verdict:
     """
     hidden = hidden_in(past) if verdict.kind is VerdictKind.OK else ""
     return replace(verdict, evidence=f"{verdict.evidence}; {hidden}") if hidden else verdict
-
-
-def clocks_beside(diagnosis: Diagnosis) -> str:
-    """Return that clocks run apart beside the fault that is told, or ""."""
-    return f"beside it {describe_finding(diagnosis.clocks)}" if diagnosis.clocks else ""
 
 
 def hidden_in(past: Past) -> str:

@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+from valve_twin.core.diagnosis.table import BY_NAME, PAIRS, partner
 
 CLOCK = "clock"
 """Name of the finding that two clocks run apart."""
@@ -97,3 +100,35 @@ class Diagnosis:
 
 NOTHING = Diagnosis((), 0, ready=False)
 """What is known of a valve without features."""
+
+
+def describe_finding(finding: Finding) -> str:
+    """Return a fault in one line: which, how large, since when, what fits as well."""
+    since = f"since cycle {finding.onset}"
+    deviation = f"{finding.deviation:.1f}" if finding.deviation < 100.0 else "over 100"
+    sure = f"{deviation} standard deviations of one cycle"
+    if finding.fault == UNKNOWN:
+        return f"a sudden change that is like no known fault, {since} ({sure})"
+    kind = BY_NAME[finding.fault]
+    if finding.fault == CLOCK:
+        return (
+            f"{kind.text} {abs(finding.severity) * 1e6:.0f} ppm, seen {since} ({sure}): log both "
+            "by one clock, or synchronise the two"
+        )
+    if not math.isfinite(finding.severity):
+        return f"{kind.text}, {since}"
+    if not math.isfinite(finding.deviation):
+        sure = "no sound valve shows it"
+    unit = "" if kind.unit == "1" else f" {kind.unit}"
+    line = f"{kind.text}, size {finding.severity:.2g}{unit}, {since} ({sure})"
+    if not finding.rivals:
+        return line
+    others = " or ".join(BY_NAME[name].text for name in finding.rivals)
+    settled = PAIRS.get(frozenset({finding.fault, partner(finding.fault)}), "")
+    how = f": {settled} to tell the two" if partner(finding.fault) in finding.rivals else ""
+    return f"{line}; the data fit as well: {others}{how}"
+
+
+def clocks_beside(diagnosis: Diagnosis) -> str:
+    """Return that clocks run apart beside the fault that is told, or ""."""
+    return f"beside it {describe_finding(diagnosis.clocks)}" if diagnosis.clocks else ""

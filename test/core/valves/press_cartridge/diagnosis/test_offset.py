@@ -5,8 +5,8 @@
 import numpy as np
 import pytest
 
+from valve_twin.core.diagnosis.changes.finding import describe_finding
 from valve_twin.core.diagnosis.detection import detect
-from valve_twin.core.diagnosis.history import describe_finding
 from valve_twin.core.diagnosis.table import with_floor
 from valve_twin.core.valves.press_cartridge import MODEL
 
