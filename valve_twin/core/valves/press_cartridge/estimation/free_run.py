@@ -303,25 +303,20 @@ def find_phases(
     return Phases(v_in, v_out, seated, free, anchor, moving, leaving)
 
 
-def fit_lag(
-    run: Run, lag: float, columns: BoolArray, options: OutputErrorOptions, *, refine: bool
-) -> Solution:
+def fit_lag(run: Run, phases: Phases, columns: BoolArray, options: OutputErrorOptions) -> Solution:
     """Fit for one delay.
 
     Parameters
     ----------
     run : Run
         The cycle.
-    lag : float
-        Command to position delay [samples].
+    phases : Phases
+        What the spool does at each sample, by that delay.
     columns : (5,) bool array
         Parameters that are fitted.
     options : OutputErrorOptions
         How the free run is fitted.
-    refine : bool
-        Whether the pole is searched between the points of the grid.
     """
-    phases = find_phases(run, lag, options)
     p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
     pole, cost, log_determinant, rows = search_pole(
         phases.stretch(run.position, run.use),
@@ -329,7 +324,6 @@ def fit_lag(
         options.wander,
         columns,
         options.pole,
-        refine,
         p,
         gram,
     )
@@ -372,9 +366,8 @@ def find_lag(run: Run, columns: BoolArray, options: OutputErrorOptions) -> int:
     run, columns, options : Run, (5,) bool array, OutputErrorOptions
         Same as `fit_lag` takes.
     """
-    fits = [
-        fit_lag(run, lag, columns, options, refine=False) for lag in range(options.max_lag + 1)
-    ]
+    phases = (find_phases(run, lag, options) for lag in range(options.max_lag + 1))
+    fits = [fit_lag(run, each, columns, options) for each in phases]
     return int(np.argmin([f.likelihood for f in fits]))
 
 

@@ -28,6 +28,7 @@ from valve_twin.core.types import (
 from valve_twin.core.valves.press_cartridge.estimation.excitation import assess_input
 from valve_twin.core.valves.press_cartridge.estimation.free_run import (
     OutputErrorOptions,
+    Phases,
     Run,
     Solution,
     find_lag,
@@ -205,6 +206,7 @@ def _unusable(run: Run, options: OutputErrorOptions) -> str:
 def gain_fit(
     prepared: PreparedCycle,
     solution: Solution,
+    phases: Phases,
     masks: Masks,
     options: OutputErrorOptions,
     *,
@@ -222,6 +224,8 @@ def gain_fit(
         The cycle, and what of it can be identified.
     solution : Solution
         The estimator's minimum.
+    phases : Phases
+        What the spool does at each sample, by the delay of `timing`.
     masks : Masks
         Masks of the cycle, to be counted.
     options : OutputErrorOptions
@@ -239,7 +243,7 @@ def gain_fit(
     mse = solution.cost / solution.rows
     parameters = _parameters(prepared, solution, mse, options)
     parameters += _timing_values(timing, alone)
-    halves = systematic_halves(solution, prepared.run, timing, options)
+    halves = systematic_halves(solution, prepared.run, phases, timing, options)
     if covariance is not None:
         errors = _errors(prepared, solution, covariance, options)
         parameters = with_limits(parameters, errors, halves, scatter)

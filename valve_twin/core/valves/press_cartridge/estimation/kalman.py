@@ -147,6 +147,7 @@ def fit_kalman(
     fit = gain_fit(
         prepared,
         solution,
+        find_phases(prepared.run, timing.delay, options),
         masks,
         options,
         timing=timing,

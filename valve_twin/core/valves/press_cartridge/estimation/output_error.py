@@ -21,7 +21,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions, fit_lag
+from valve_twin.core.valves.press_cartridge.estimation.free_run import (
+    OutputErrorOptions,
+    find_phases,
+    fit_lag,
+)
 from valve_twin.core.valves.press_cartridge.estimation.gains import (
     GainFit,
     gain_fit,
@@ -83,5 +87,6 @@ def fit_output_error(
     alone = find_timing(run, prepared.lag, columns, options)
     timing = choose_timing(run, alone, pooled, columns, options)
     timed = replace(options, pole=timing.pole)
-    solution = fit_lag(run, timing.delay, columns, timed, refine=False)
-    return gain_fit(prepared, solution, masks, options, timing=timing, alone=alone)
+    phases = find_phases(run, timing.delay, options)
+    solution = fit_lag(run, phases, columns, timed)
+    return gain_fit(prepared, solution, phases, masks, options, timing=timing, alone=alone)

@@ -22,7 +22,7 @@ import numpy as np
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import BoolArray, FloatArray, IntArray
+    from valve_twin.core.types import BoolArray, ByteArray, FloatArray, IntArray
 
 N_LINEAR = 5
 """Inflow and its sag, outflow and its sag, leak."""
@@ -34,8 +34,6 @@ POLE_MAX = 0.98
 """Upper end of the pole search: at 1 the commands have no effect at all."""
 
 _GRID = 25
-_REFINEMENTS = 22
-_GOLDEN = 0.6180339887498949
 _CHANGES = 10  # of the positive parameters, until all of their sets are tried
 _SINGULAR = 1e-12  # relative pivot below which columns count as dependent
 
@@ -63,6 +61,56 @@ class Stretch(NamedTuple):
     moving: BoolArray
     v_in: FloatArray
     v_out: FloatArray
+
+
+class Rows(NamedTuple):
+    """The samples of a cycle as eight filters take them, (N,) each, see `whiten_lanes`."""
+
+    y: FloatArray
+    flags: ByteArray
+    anchor: FloatArray
+    v_in: FloatArray
+    v_out: FloatArray
+
+
+@njit(cache=True)
+def sample_flags(data: Stretch) -> ByteArray:
+    """Return what each sample is, as `Rows` says it: (N,) uint8.
+
+    Parameters
+    ----------
+    data : Stretch
+        N samples.
+    """
+    flags = np.empty(len(data.y), dtype=np.uint8)
+    for n in range(len(flags)):
+        flags[n] = 1 * data.free[n] + 2 * data.use[n] + 4 * data.moving[n]
+    return flags
+
+
+@njit(cache=True)
+def pack_rows(data: Stretch) -> Rows:
+    """Return the samples that change anything: rest without weight does not.
+
+    Parameters
+    ----------
+    data : Stretch
+        The cycle.
+    """
+    size = len(data.y)
+    y, anchor, v_in, v_out = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
+    flags = sample_flags(data)
+    count = 0
+    at_rest = False
+    for n in range(size):
+        flag = flags[n]
+        if at_rest and not flag & 3 and not data.anchor[n] > 0.0:
+            continue
+        at_rest = not flag & 1
+        y[count], anchor[count], flags[count] = data.y[n], data.anchor[n], flag
+        v_in[count], v_out[count] = data.v_in[n], data.v_out[n]
+        count += 1
+    return Rows(y[:count], flags[:count], anchor[:count], v_in[:count], v_out[:count])
 
 
 @njit(cache=True)
@@ -289,13 +337,12 @@ def search_pole(
     wander: float,
     columns: BoolArray,
     fixed: float,
-    refine: bool,
     p: FloatArray,
     gram: FloatArray,
 ) -> tuple[float, float, float, int]:
     """Minimise over the pole and the rest; return pole, cost, log determinant, rows.
 
-    The pole is searched on a grid, then by golden section.
+    The pole is one of a grid, which is enough to choose a lag.
 
     Parameters
     ----------
@@ -307,8 +354,6 @@ def search_pole(
         Parameters that are fitted.
     fixed : float
         Pole that is taken as it is where not negative [1].
-    refine : bool
-        Whether the golden section follows; else the best point of the grid is enough.
     p, gram : (5,), (7, 7) arrays
         Overwritten with parameters and normal equations at the minimum, with the sensitivity to
         the pole [1].
@@ -322,17 +367,6 @@ def search_pole(
             cost = _cost(data, k * step, v_max, wander, columns, p, gram)
             if cost < best:
                 best, pole = cost, k * step
-        low, high = max(pole - step, 0.0), min(pole + step, POLE_MAX)
-        for _ in range(_REFINEMENTS if refine else 0):
-            left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-            f_left = _cost(data, left, v_max, wander, columns, p, gram)
-            f_right = _cost(data, right, v_max, wander, columns, p, gram)
-            if f_left < f_right:
-                high = right
-            else:
-                low = left
-            if min(f_left, f_right) < best:
-                best, pole = (f_left, left) if f_left < f_right else (f_right, right)
     _cost(data, pole, v_max, wander, columns, p, gram)
     log_determinant, rows = accumulate(data, pole, v_max, wander, p, gram)
     cost = solve_positive(gram, columns, p)

@@ -10,6 +10,8 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_COLUMNS,
     N_LINEAR,
     Stretch,
+    pack_rows,
+    sample_flags,
 )
 from valve_twin.core.valves.press_cartridge.estimation.whitened.lanes import (
     AT,
@@ -22,10 +24,6 @@ from valve_twin.core.valves.press_cartridge.estimation.whitened.lanes import (
     RATIO,
     SIZE,
     whiten_lanes,
-)
-from valve_twin.core.valves.press_cartridge.estimation.whitened.rounds import (
-    pack_rows,
-    sample_flags,
 )
 
 V_MAX = 0.8

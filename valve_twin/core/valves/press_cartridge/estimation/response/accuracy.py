@@ -25,7 +25,6 @@ import numpy as np
 
 from valve_twin.core.estimation.cycle.scatter import scatter_between_cycles
 from valve_twin.core.estimation.data.robust import NORMAL_975
-from valve_twin.core.valves.press_cartridge.estimation.free_run import find_phases
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import N_LINEAR
 from valve_twin.core.valves.press_cartridge.estimation.response.unseen import (
     step_leak,
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Estimate, FloatArray, ParameterValue
     from valve_twin.core.valves.press_cartridge.estimation.free_run import (
         OutputErrorOptions,
+        Phases,
         Run,
         Solution,
     )
@@ -61,7 +61,7 @@ _TAIL = 0.004
 
 
 def systematic_halves(
-    s: Solution, run: Run, timing: Timing, options: OutputErrorOptions
+    s: Solution, run: Run, phases: Phases, timing: Timing, options: OutputErrorOptions
 ) -> dict[str, float]:
     """Return the half width of the 95 % interval of what is wrong in every cycle alike.
 
@@ -71,6 +71,8 @@ def systematic_halves(
         The fit, gains [1/sample of stroke per unit command].
     run : Run
         The cycle.
+    phases : Phases
+        What the spool does at each sample, by the delay of `timing`.
     timing : Timing
         When commands act.
     options : OutputErrorOptions
@@ -82,7 +84,6 @@ def systematic_halves(
         Of K_in, K_out and leak, each in its unit, as far as they were fitted.
     """
     moves = _by_time(s)
-    phases = find_phases(run, timing.delay, options)
     late, spread = _LATE_FIXED, np.zeros((N_LINEAR, N_LINEAR))
     if options.delay < 0.0:
         late = _LATE

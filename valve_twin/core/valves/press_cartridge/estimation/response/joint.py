@@ -33,7 +33,7 @@ from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
-    from valve_twin.core.valves.press_cartridge.estimation.whitened.rounds import Rows
+    from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import Rows
 
 _POLE, _PART = N_LINEAR, N_LINEAR + 1
 _LAST = N_LINEAR + 2

@@ -19,14 +19,12 @@ from valve_twin.core.valves.press_cartridge.estimation.free_run import find_phas
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,
+    Rows,
     Stretch,
     pole_likelihood,
-)
-from valve_twin.core.valves.press_cartridge.estimation.response.joint import Cycle, find_joint
-from valve_twin.core.valves.press_cartridge.estimation.whitened.rounds import (
-    Rows,
     sample_flags,
 )
+from valve_twin.core.valves.press_cartridge.estimation.response.joint import Cycle, find_joint
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -23,6 +23,7 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_LINEAR,
     POLE_MAX,
     Stretch,
+    pack_rows,
 )
 from valve_twin.core.valves.press_cartridge.estimation.whitened.lanes import LANES
 from valve_twin.core.valves.press_cartridge.estimation.whitened.moments import truncated_moments
@@ -34,7 +35,6 @@ from valve_twin.core.valves.press_cartridge.estimation.whitened.rounds import (
     look,
     new_known,
     new_lanes,
-    pack_rows,
     remember,
     settle,
 )

@@ -11,7 +11,6 @@ import numpy as np
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,
-    Stretch,
     solve_positive,
 )
 from valve_twin.core.valves.press_cartridge.estimation.whitened.lanes import (
@@ -32,21 +31,12 @@ from valve_twin.core.valves.press_cartridge.estimation.whitened.moments import r
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import BoolArray, ByteArray, FloatArray, IntArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
+    from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import Rows
 
 _NEWTON = 10  # passes until the poles of a round are given up
 _LARGEST_STEP = 0.15  # of a pole at once [1]
 _MOST = 256  # ratios that are remembered
-
-
-class Rows(NamedTuple):
-    """The samples of a cycle as eight filters take them, (N,) each, see `whiten_lanes`."""
-
-    y: FloatArray
-    flags: ByteArray
-    anchor: FloatArray
-    v_in: FloatArray
-    v_out: FloatArray
 
 
 class Problem(NamedTuple):
@@ -112,46 +102,6 @@ class Known(NamedTuple):
     pole: FloatArray
     p: FloatArray
     number: IntArray
-
-
-@njit(cache=True)
-def sample_flags(data: Stretch) -> ByteArray:
-    """Return what each sample is, as `Rows` says it: (N,) uint8.
-
-    Parameters
-    ----------
-    data : Stretch
-        N samples.
-    """
-    flags = np.empty(len(data.y), dtype=np.uint8)
-    for n in range(len(flags)):
-        flags[n] = 1 * data.free[n] + 2 * data.use[n] + 4 * data.moving[n]
-    return flags
-
-
-@njit(cache=True)
-def pack_rows(data: Stretch) -> Rows:
-    """Return the samples that change anything: rest without weight does not.
-
-    Parameters
-    ----------
-    data : Stretch
-        The cycle.
-    """
-    size = len(data.y)
-    y, anchor, v_in, v_out = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    flags = sample_flags(data)
-    count = 0
-    at_rest = False
-    for n in range(size):
-        flag = flags[n]
-        if at_rest and not flag & 3 and not data.anchor[n] > 0.0:
-            continue
-        at_rest = not flag & 1
-        y[count], anchor[count], flags[count] = data.y[n], data.anchor[n], flag
-        v_in[count], v_out[count] = data.v_in[n], data.v_out[n]
-        count += 1
-    return Rows(y[:count], flags[:count], anchor[:count], v_in[:count], v_out[:count])
 
 
 @njit(cache=True)
