@@ -18,7 +18,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, MutableSequence
+    from collections.abc import Callable, MutableMapping, MutableSequence
     from concurrent.futures import ProcessPoolExecutor
 
     from rclpy.lifecycle import LifecycleNode
@@ -85,7 +85,7 @@ def load_kernels_alone() -> None:
             vars(import_module("numba.np.linalg"))["ensure_blas"] = _do_nothing
         return found
 
-    import_module("numba.core.caching").Cache.load_overload = load_overload  # type: ignore[attr-defined]
+    import_module("numba.core.caching").Cache.load_overload = load_overload
 
 
 def _do_nothing() -> None:
@@ -273,6 +273,22 @@ def policies_of(server: Any) -> MutableSequence[Any]:
     """
     policies: MutableSequence[Any] = server._policies
     return policies
+
+
+def nodes_of(server: Any) -> MutableMapping[Any, Any]:
+    """Return the nodes of the inner part of an OPC UA server by their ids.
+
+    asyncua writes them all to one file and reads them all, which takes half as long as making
+    them, or to a shelf that lists only those that were used; no issue is known. Goes when it can
+    be given a mapping.
+    """
+    nodes: MutableMapping[Any, Any] = server.aspace._nodes
+    return nodes
+
+
+def set_nodes(server: Any, nodes: MutableMapping[Any, Any]) -> None:
+    """Give the inner part of an OPC UA server its nodes, as `nodes_of` returns them."""
+    server.aspace._nodes = nodes
 
 
 def sessions_of(server: Any) -> dict[Any, Any]:

@@ -117,6 +117,8 @@ def _warm_up_all() -> None:
             _estimate_wave(model, changed)
     if find_spec("skfem"):  # of the extra for design
         _warm_up_design()
+    if find_spec("asyncua"):  # of the extra for the gateway
+        import_module("valve_twin.gateway.opcua.standard").keep()
 
 
 def _warm_up_design() -> None:

@@ -108,6 +108,20 @@ def _is_flushed(path: Path) -> bool:
     return True
 
 
+def unsealed_bytes(magic: bytes, whole: bytes) -> bytes | None:
+    """Return the content of a sealed file, None where it is damaged or of another kind.
+
+    Parameters
+    ----------
+    magic : bytes
+        The kind of file.
+    whole : bytes
+        All of the file.
+    """
+    line, _, content = whole.partition(b"\n")
+    return content if line + b"\n" == seal(magic, content) else None
+
+
 def unsealed(magic: bytes, whole: bytes) -> tuple[Any, bytes] | None:
     """Return the head and the bytes of the arrays of a sealed file, None where it is damaged.
 
@@ -118,8 +132,8 @@ def unsealed(magic: bytes, whole: bytes) -> tuple[Any, bytes] | None:
     whole : bytes
         All of the file.
     """
-    line, _, content = whole.partition(b"\n")
-    if line + b"\n" != seal(magic, content):
+    content = unsealed_bytes(magic, whole)
+    if content is None:
         return None
     text, _, data = content.partition(b"\n")
     return json.loads(text), data

@@ -20,6 +20,7 @@ from valve_twin.gateway.opcua import devices
 from valve_twin.gateway.opcua.access import APPLICATION
 from valve_twin.gateway.opcua.alarms import send, tell_health
 from valve_twin.gateway.opcua.nodes import Builder, Ids
+from valve_twin.gateway.opcua.standard import StandardServer
 from valve_twin.gateway.opcua.valve_nodes import ValveNodes, stamp
 from valve_twin.gateway.plain import plain_valve
 from valve_twin.io.errors import ConfigError, ValveTwinError
@@ -147,9 +148,9 @@ class OpcUaFace:
                 await server.stop()
 
     async def _made(self) -> Server:
-        server = Server()
+        server = Server(StandardServer())
         with uncollected():
-            await server.init()  # 6000 nodes
+            await server.init()
         host = f"[{self._host}]" if ":" in self._host else self._host
         server.set_endpoint(f"opc.tcp://{host}:{self._port}")
         server.socket_address = (self._host, self._port)
