@@ -291,3 +291,42 @@ def broken(fmus, folder, version, after, change):
         for file in (folder / "broken").rglob("*"):
             archive.write(file, file.relative_to(folder / "broken"))
     return path
+
+
+HEAD = """<?xml version="1.0"?>
+<fmiModelDescription fmiVersion="2.0" modelName="m" guid="g"><CoSimulation modelIdentifier="%s"/>
+<ModelVariables>%s</ModelVariables><ModelStructure/></fmiModelDescription>"""
+VARIABLES = """<ScalarVariable name="command" valueReference="0" causality="input">
+<Real start="0"/></ScalarVariable><ScalarVariable name="position" valueReference="1"
+causality="output"><Real/></ScalarVariable>"""
+
+
+def packed(path, identifier="m", more=()):
+    from fmpy import platform, sharedLibraryExtension
+
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("modelDescription.xml", HEAD % (identifier, VARIABLES))
+        file.writestr(f"binaries/{platform}/m{sharedLibraryExtension}", b"no program")
+        for name in more:
+            file.writestr(name, b"")
+    return {"fmu.file": str(path)}
+
+
+def test_after_an_fmu_that_cannot_be_loaded_another_one_can(fmus, tmp_path):
+    """FMPy stayed in its folder, which is gone soon: nothing could be started any more."""
+    given, here = packed(tmp_path / "a.fmu"), Path.cwd()
+    with pytest.raises(ConfigError, match="does not start"):
+        SimulatedValve(simulation_for("first_order", given), 1)
+    assert Path.cwd() == here
+    sound = simulation_for("first_order", {"fmu.file": str(fmus / "v2.fmu"), **QUIET})
+    assert SimulatedValve(sound, 1).advance(3).position.size == 3
+
+
+@pytest.mark.parametrize("name", ["../../../outside", "/tmp/outside", "..", ""])
+def test_an_fmu_names_no_program_outside_and_writes_nothing_there(name, tmp_path):
+    with pytest.raises(ConfigError, match=r"modelIdentifier '.*' names no file of its own|no FMU"):
+        simulation_for("first_order", packed(tmp_path / "a.fmu", identifier=name))
+    slip = packed(tmp_path / "a.fmu", more=["../../valve_twin_slipped"])
+    with pytest.raises(ConfigError, match=r"does not start|cannot be unpacked"):
+        SimulatedValve(simulation_for("first_order", slip), 1)
+    assert not list(tmp_path.parent.glob("valve_twin_slipped"))

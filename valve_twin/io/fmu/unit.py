@@ -7,10 +7,11 @@ An FMU is a program that runs with the rights of the user: only trusted files be
 
 from __future__ import annotations
 
+import os
 import weakref
 import zipfile
 from collections import deque
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from ctypes import byref
 from dataclasses import dataclass
 from functools import cache
@@ -25,7 +26,7 @@ from valve_twin.io.errors import ConfigError
 from valve_twin.io.limits import TOO_MUCH, bounded_memory, too_large
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
 KEY = "simulation.fmu"
 _REAL = ("Real", "Float64")
@@ -93,6 +94,9 @@ class Unit:
             why = "is for model exchange only; export it for co-simulation"
             raise self._refused(why)
         self._name, self._guid = told.coSimulation.modelIdentifier, told.guid
+        if self._name in {"", ".", ".."} or set(self._name) & set("/\\"):
+            why = f"its modelIdentifier '{self._name}' names no file of its own"
+            raise self._refused(why)
         self._variables = {
             v.name: Variable(
                 v.name,
@@ -225,7 +229,8 @@ class Instance:
         self._said: deque[str] = deque(maxlen=1)
         make = _instance_2 if version == "2" else _instance_3
         try:
-            self._slave = make(arguments, self._said)
+            with _here():
+                self._slave = make(arguments, self._said)
         except Exception as err:
             msg = f"{KEY}.file = {unit.path}: does not start: {self._why(err)}"
             raise ConfigError(msg) from err
@@ -295,6 +300,16 @@ class Instance:
         """Return what the FMU has said last and what FMPy says, in one line."""
         said = f"{self._said[-1]} ({err})" if self._said else f"{err}"
         return " ".join(said.split())
+
+
+@contextmanager
+def _here() -> Iterator[None]:
+    """Stay in the working directory: FMPy stays in the FMU's where its binary cannot be loaded."""
+    before = os.getcwd()
+    try:
+        yield
+    finally:
+        os.chdir(before)
 
 
 def _instance_2(arguments: Mapping[str, str], said: deque[str]) -> Any:  # noqa: ANN401  FMPy has no types

@@ -377,3 +377,18 @@ def test_a_look_at_a_sound_index_finds_every_frame(tmp_path):
                 assert not watch._lacks_frames()
         assert os.stat(f"{file}-shm").st_size > 32768
         assert history.store("/v", CycleRecord(1, 0, 1, 850))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="an index is looked at on Linux")
+def test_a_history_that_is_opened_often_keeps_no_index_of_before_open(tmp_path):
+    """Each opening kept a deleted index open for good: after a thousand none was possible."""
+    with History(tmp_path / "held.sqlite") as held:
+        held.store("/v", CycleRecord(1, 0, 1, 850))
+        for number in range(25):
+            with History(tmp_path / "h.sqlite") as history:
+                history.store("/v", CycleRecord(number + 1, 0, number + 1, 850))
+        files = [os.path.realpath(f"/proc/self/fd/{name}") for name in os.listdir("/proc/self/fd")]
+        assert sum(str(tmp_path / "h.sqlite") in file for file in files) <= 12
+        with closing(sqlite3.connect(tmp_path / "held.sqlite", timeout=0.0)) as other:
+            assert held.store("/v", CycleRecord(2, 0, 2, 850))  # its locks are what they were
+            assert other.execute("SELECT count(*) FROM cycle").fetchone() == (2,)

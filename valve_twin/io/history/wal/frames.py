@@ -191,10 +191,9 @@ def read_index(log: str) -> Index | None:
 
 
 def keep_open(path: str, flags: int = os.O_RDONLY) -> int:
-    """Open a file that SQLite has locked, for good.
+    """Open a file that SQLite has locked, until it was deleted and SQLite has let go of it.
 
-    To close it would free the locks that SQLite holds on it in this process (POSIX); an index is
-    looked at only after something happened to its log.
+    To close it before would free the locks that SQLite holds on it in this process (POSIX).
 
     Parameters
     ----------
@@ -207,9 +206,25 @@ def keep_open(path: str, flags: int = os.O_RDONLY) -> int:
     key = status.st_dev, status.st_ino, flags
     with _turn:
         if key not in _kept:
+            _let_go()
             _kept[key] = os.open(path, flags | os.O_CLOEXEC)
         return _kept[key]
 
 
+def _let_go() -> None:
+    """Close what was deleted and is mapped no more: each opening of a history makes an index."""
+    gone = [(key, file) for key, file in _kept.items() if os.fstat(file).st_nlink == 0]
+    gone = gone[:-_MOST_GONE]
+    if not gone:
+        return
+    with suppress(FileNotFoundError), open("/proc/self/maps", "rb") as maps:
+        mapped = {line.split(maxsplit=5)[4] for line in maps}
+        for key, file in gone:
+            if str(key[1]).encode() not in mapped:
+                del _kept[key]
+                os.close(file)
+
+
+_MOST_GONE = 8  # the last ones may be in use by another thread at this moment
 _kept: dict[tuple[int, int, int], int] = {}
 _turn = threading.Lock()
