@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.diagnosis.changes.beyond import first_beyond, nearer_before
+from valve_twin.core.diagnosis.changes.beyond import first_beyond, nearer_before, wandered
 from valve_twin.core.diagnosis.config import OF_A_MODEL, OF_ANY_VALVE
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.generic.campaign import model_rig, own_signatures
@@ -133,3 +133,31 @@ def test_a_lasting_oscillation_of_a_young_valve_is_told_in_every_longer_history(
     assert detect(cycles, rows, table, old).present is None
     for count in range(len(before) + 5, len(rows) + 1):
         assert detect(cycles[:count], rows[:count], table, OF_ANY_VALVE).present is not None
+
+
+def wandering(table, seed, share=0.9, rows=100):
+    """Return sound cycles of which each is like the one before by a share, (N, F)."""
+    noise = np.random.default_rng(seed).standard_normal((rows + 60, len(table.features)))
+    for k in range(1, len(noise)):
+        noise[k] = share * noise[k - 1] + np.sqrt(1.0 - share**2) * noise[k]
+    return noise[60:]
+
+
+def test_a_sound_valve_whose_cycles_are_like_the_last_raises_few_alarms(table):
+    """24 of 24 had one, 14 by cycles beyond all before; now 9 and 1."""
+    cycles = np.arange(1, 101)
+    found = [detect(cycles, wandering(table, seed), table, OF_ANY_VALVE) for seed in range(24)]
+    assert sum(len(d.findings) > 0 for d in found) <= 12
+    first = [first_beyond(wandering(table, s), table, OF_ANY_VALVE, 0) for s in range(24)]
+    assert sum(f is not None for f in first) <= 3
+
+
+def test_its_large_faults_are_found_and_cycles_by_chance_ask_for_no_more(table):
+    for seed in range(8):
+        vectors = wandering(table, seed, rows=45)
+        vectors[40:, seed] += 20.0
+        assert detect(np.arange(1, 46), vectors, table, OF_ANY_VALVE).findings
+        for rows in (7, 20, 40):
+            assert wandered(wandering(table, seed, share=0.0), rows, OF_ANY_VALVE) < 1.1
+    assert wandered(wandering(table, 1), 40, OF_ANY_VALVE) > 2.0
+    assert wandered(wandering(table, 1), 40, OF_A_MODEL) == 1.0

@@ -46,6 +46,13 @@ wanders away is no sudden change, set on strangers [1]."""
 _BESIDE = 3
 """How many cycles these are on both sides [1]."""
 
+_WANDERS = 0.15
+"""Mean correlation of a feature with that of the cycle before from which on a valve wanders, of
+what does not by chance; set on made-up valves [1]."""
+
+_WIDER = 4.0
+"""By how much farther cycles must then lie, a unit of that correlation; set likewise [1]."""
+
 _QUIET = 3.0
 """Least that counts as the farthest, in the least standard deviation of a feature [1]."""
 
@@ -142,6 +149,8 @@ def _first(
                 rare = (min(end, window) * chance) ** -_TAIL
                 factor = max(factor, _usual(vectors, least, end, window, room) * rare)
             if far > best * factor:
+                factor *= _wander(vectors, end - m + 1, window, room)
+            if far > best * factor:
                 best, number = far / factor, m
         if number:
             return end, number
@@ -188,6 +197,55 @@ def _farthest(
         if far > most and (end == first or _is_sudden(new, first, place, value)):
             most = far
     return most
+
+
+def wandered(vectors: FloatArray, first: int, config: DetectionConfig) -> float:
+    """Return how many times as far a change must lie of a valve whose cycles are like the last.
+
+    Parameters
+    ----------
+    vectors : (N, F) array
+        Features [any unit]; NaN where a cycle does not show one.
+    first : int
+        Row of the first cycle of the change: those before it count.
+    config : DetectionConfig
+        When to speak.
+    """
+    if not config.beyond:
+        return 1.0
+    rows = np.ascontiguousarray(vectors[max(first - config.window, 0) : first])
+    room = (np.empty(len(rows)), np.empty(len(rows)))
+    return float(_wander(rows, len(rows), len(rows), room))
+
+
+@njit(cache=True)
+def _wander(
+    vectors: FloatArray, first: int, window: int, room: tuple[FloatArray, FloatArray]
+) -> float:
+    """Return how many times as far a change must lie of a valve whose cycles are like the last.
+
+    A few of them, close together, do not tell how far it goes.
+    """
+    since, alike, features = max(first - window, 0), 0.0, 0
+    for j in range(vectors.shape[1]):
+        known = 0
+        for row in range(since, first):
+            if np.isfinite(vectors[row, j]):
+                room[0][known], room[1][known] = row, vectors[row, j]
+                known += 1
+        if known < max(_LEAST - 1, _KNOWN * (first - since)):
+            continue
+        level, slope, centre = _line(room[0][:known], room[1][:known])
+        squares, products, last = 0.0, 0.0, 0.0
+        for k in range(known):
+            off = room[1][k] - level - slope * (room[0][k] - centre)
+            squares += off * off
+            products += off * last
+            last = off
+        if squares > 0.0:
+            alike += products / squares
+            features += 1
+    return 1.0 + _WIDER * max(alike / max(features, 1) - _WANDERS, 0.0)
 
 
 @njit(cache=True)
@@ -245,3 +303,4 @@ def warm_up() -> None:
     _first(np.zeros((2, 1)), one, 0, _FACTORS, 1, 1.0)
     _nearest(one, 0, one, one)
     _line(one, one)
+    _wander(np.zeros((1, 1)), 1, 1, (one, one))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 
 from valve_twin.core.diagnosis.changes.alone import Alone, departs
-from valve_twin.core.diagnosis.changes.beyond import first_beyond
+from valve_twin.core.diagnosis.changes.beyond import first_beyond, wandered
 from valve_twin.core.diagnosis.changes.jumps import BESIDE, BEYOND, jumps_made
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.lines import (
@@ -220,6 +220,9 @@ class Watch:
             if made is None:
                 made = jumps_made(rays.along(base), config.window)
             shown = shown[far] & _lasts(seen, config, end[far], m, made)
+            for k in np.flatnonzero(shown.any(axis=1)):
+                much = wandered(base, int(end[far[k]]) - m + 1, config)
+                shown[k] &= ratio[far[k]] > much * least * stray[far[k]]
             hits = np.flatnonzero(shown.any(axis=1))
             if not len(hits):
                 continue
