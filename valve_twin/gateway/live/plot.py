@@ -69,9 +69,6 @@ STRIPS = (
     Strip("residual", ("residual",), 312.0, 92.0, (-1e-4, 1e-4)),
     Strip("command", tuple(f"s{k}" for k in range(MOST_COMMANDS)), 440.0, 76.0, (0.0, 1.0)),
 )
-HEIGHT = 524.0
-"""Height of the plot [units of the drawing]."""
-
 _PLACE_OF = {curve: k for k, strip in enumerate(STRIPS) for curve in strip.curves}
 _RESIDUAL = 1
 _COMMANDS = frozenset(STRIPS[-1].curves)
