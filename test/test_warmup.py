@@ -10,6 +10,7 @@ from dataclasses import replace
 import pytest
 
 from valve_twin import warmup
+from valve_twin.core.operation.counters import Counters
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_simulation, model_names
 from valve_twin.warmup import predict_once, simulate_once
@@ -56,6 +57,17 @@ def test_predictions_are_compiled_ahead_for_valves_that_can_be_simulated(
     monkeypatch.setattr("valve_twin.core.aging.warm_up", lambda: None)
     warmup.main(words)
     assert predicted == (valves or {"double_solenoid"})
+
+
+def test_what_a_cycle_adds_to_the_counters_is_compiled_ahead(monkeypatch):
+    counted, after = [], Counters.after
+    monkeypatch.setattr(
+        Counters, "after", lambda self, duty: counted.append(after(self, duty)) or counted[-1]
+    )
+    warmup.run_once("first_order", CycleRule.COUNTER)
+    assert counted
+    assert counted[-1].movements > 0
+    assert counted[-1].hours[1] > 0.0
 
 
 @pytest.mark.parametrize("name", model_names())

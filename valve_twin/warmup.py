@@ -146,6 +146,7 @@ def run_once(name: str, rule: CycleRule, options: Options | None = None) -> None
         If the model is unknown or cannot be simulated.
     """
     from valve_twin.core.estimation.cycle.sequence import estimate_cycle
+    from valve_twin.core.operation.counters import Counters, cycle_duty
     from valve_twin.core.simulation import SimulatedValve
 
     model = get_model(name)
@@ -158,8 +159,11 @@ def run_once(name: str, rule: CycleRule, options: Options | None = None) -> None
     columns |= {model.output: block.position}
     for signal, values in columns.items():
         twin.push(signal, block.stamp_ns, np.ascontiguousarray(values))
+    counters = Counters()
     while (job := twin.next_job()) is not None:
         twin.deliver(*estimate_cycle(model, options, job.cycle, job.memory))
+        duty = cycle_duty(job.cycle, normalised=model.normalised)
+        counters = counters if duty is None else counters.after(duty)
     twin.finish()
 
 
