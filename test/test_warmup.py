@@ -61,9 +61,12 @@ def test_predictions_are_compiled_ahead_for_valves_that_can_be_simulated(
 
 def test_what_a_cycle_adds_to_the_counters_is_compiled_ahead(monkeypatch):
     counted, after = [], Counters.after
-    monkeypatch.setattr(
-        Counters, "after", lambda self, duty: counted.append(after(self, duty)) or counted[-1]
-    )
+
+    def noted(self, duty):
+        counted.append(after(self, duty))
+        return counted[-1]
+
+    monkeypatch.setattr(Counters, "after", noted)
     warmup.run_once("first_order", CycleRule.COUNTER)
     assert counted
     assert counted[-1].movements > 0
