@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import io
 import logging
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,8 +18,9 @@ from valve_twin.cli import main
 from valve_twin.cli.output import shown
 from valve_twin.io.bags.read import BagWriter, read_columns
 from valve_twin.io.cdr.signals import SignalSource
-from valve_twin.io.errors import ValveTwinError
+from valve_twin.io.errors import IndexLiesError, ValveTwinError
 from valve_twin.io.instruments.read import read_recording
+from valve_twin.io.playback.player import bag_topics, compare_small, read_messages
 from valve_twin.io.salvage.read import forget
 
 if TYPE_CHECKING:
@@ -89,6 +90,50 @@ def of_bags(folder: Path, seed: int, count: int) -> list[str]:
             if code not in (0, 1) or "Traceback" in text or "unexpected" in text:
                 wrong.append(f"seed {seed} case {n} ({how}): {verb} {code}: {text}")
     return wrong
+
+
+def of_players(folder: Path, seed: int, count: int) -> list[str]:
+    """Read mutated bags as `replay` does; return a line for each that gives others in silence.
+
+    What is played is what the sound bag gives, or the file is named.
+    """
+    path = folder / "a.mcap"
+    with BagWriter(folder / "made", chunk_size=1500) as writer:
+        for i in range(60):
+            write_sample(writer, "/valve/position", START_NS + i * 10_000_000, 0.25 * i)
+            write_sample(writer, "/valve/command", START_NS + i * 10_000_000, -0.5 * i)
+    data = (folder / "made" / "made_0.mcap").read_bytes()
+    text = io.StringIO()
+    logger, handler = logging.getLogger("valve_twin"), logging.StreamHandler(text)
+    logger.addHandler(handler)
+    wrong, sound = list[str](), object()
+    rng = np.random.default_rng(seed)
+    try:
+        for n, (how, changed) in enumerate([("sound", data), *mutations(data, rng, count)]):
+            path.write_bytes(changed)
+            forget()
+            text.truncate(0)
+            try:
+                found = _played(path)
+            except ValveTwinError as err:
+                found = str(err)
+                text.write(found)
+            sound = found if n == 0 else sound
+            if found != sound and str(path) not in text.getvalue():
+                wrong.append(f"seed {seed} case {n} ({how}): {text.getvalue()}")
+    finally:
+        logger.removeHandler(handler)
+    return wrong
+
+
+def _played(path: Path) -> object:
+    """Return topics and messages; where times of an index lie the player asks once more."""
+    for _ in range(2):
+        with suppress(IndexLiesError):
+            compare_small(path)
+            topics = bag_topics(path)
+            return topics, list(read_messages(path, [topic.name for topic in topics]))
+    raise AssertionError
 
 
 def _content(out: Path) -> object:

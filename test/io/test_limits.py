@@ -230,6 +230,16 @@ def test_every_verb_tells_what_a_mutated_bag_lacks(tmp_path):
     assert foreign_verbs.of_bags(tmp_path, 3, 16) == []
 
 
+def test_a_mutated_bag_is_played_as_the_sound_one_or_named(tmp_path):
+    assert foreign_verbs.of_players(tmp_path, 3, 20) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(5))
+def test_each_of_five_thousand_is(part, tmp_path):
+    assert foreign_verbs.of_players(tmp_path, 200 + part, 1000) == []
+
+
 @pytest.mark.parametrize("kind", ["text", "tdms"])
 def test_configure_tells_what_the_reader_tells(kind, tmp_path):
     assert foreign_verbs.of_configure(kind, tmp_path, 3, 3) == []
@@ -240,6 +250,7 @@ ESTIMATES = {
     "histories": foreign_estimates.of_histories,
     "pages": foreign_estimates.of_pages,
     "archives": foreign_estimates.of_archives,
+    "configurations": foreign_estimates.of_configurations,
 }
 
 
