@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis.config import DetectionConfig
-from valve_twin.core.diagnosis.reference import doubt_of
+from valve_twin.core.diagnosis.detection import detect
+from valve_twin.core.diagnosis.reference import doubt_of, doubt_of_step
 from valve_twin.core.valves.press_cartridge import MODEL
 
 TABLE = MODEL.signatures()
@@ -105,3 +106,53 @@ def test_a_further_product_needs_fewer_cycles():
 
 def test_cycles_that_show_nothing_are_none():
     assert early(np.full((12, len(TABLE.features)), np.nan)) != ""
+
+
+def step_told(vectors, rows=None):
+    return doubt_of_step(np.arange(1, len(vectors) + 1), vectors, TABLE, rows=rows)
+
+
+def noisier(cycles, seed):
+    """Return features of a valve that scatters three times as much as that of the table."""
+    vectors = healthy(cycles, seed)
+    return vectors + 2.0 * (vectors - vectors.mean(axis=0))
+
+
+@pytest.mark.parametrize("name", ["dead_band", "command_offset", "preload"])
+def test_a_step_that_few_cycles_do_not_show_is_told_by_all_of_them(name):
+    """Few cycles show only one half as large again: their scatter counts wider."""
+    told = alarms = 0
+    for seed in range(10):
+        vectors = noisier(44, seed)
+        vectors[12:] += 2.0 * change_of(name, 1)
+        alarms += bool(detect(np.arange(1, 45), vectors, TABLE).findings)
+        why = step_told(vectors)
+        told += why.startswith(("no reference: cycles 1 to 12", "no reference: cycles 1 to 13"))
+        assert step_told(vectors[:30]) in ("", why)  # what is told once is told in longer ones
+    assert told >= 9
+    assert alarms <= 2
+
+
+def test_sound_valves_hold_no_step_in_all_but_few_of_20_histories():
+    assert sum(bool(step_told(healthy(48, seed))) for seed in range(20)) <= 1
+
+
+def test_aging_is_no_step():
+    along = np.linspace(0.0, 1.0, 48)[:, None]
+    change = change_of("coil_resistance", 2)
+    for law in (along, along**3, 1.0 - (1.0 - along) ** 3):
+        assert sum(bool(step_told(healthy(48, seed) + law * change)) for seed in range(8)) <= 1
+
+
+def test_what_steps_to_and_fro_holds_no_single_step():
+    turns = (np.arange(48) // 7 % 2)[:, None] * change_of("sensor_offset", 1)
+    assert not any(step_told(healthy(48, seed) + turns) for seed in range(8))
+
+
+def test_what_changed_while_a_fault_was_found_is_no_step_of_one_cycle():
+    vectors = healthy(48, 5)
+    vectors[28:] += change_of("sensor_offset", 1)
+    assert step_told(vectors).startswith(
+        ("no reference: cycles 1 to 27", "no reference: cycles 1 to 28")
+    )
+    assert step_told(vectors, np.r_[0:21, 28:48]) == ""

@@ -23,7 +23,7 @@ from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
 from valve_twin.core.diagnosis.given.judged import judged, without_first
 from valve_twin.core.diagnosis.products import clocks_apart, products
-from valve_twin.core.diagnosis.reference import doubt_of
+from valve_twin.core.diagnosis.reference import doubt_of, doubt_of_step, measure, unnamed
 from valve_twin.core.diagnosis.refused import still, with_still
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.core.diagnosis.watch.growing import present
@@ -159,6 +159,7 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
     since = int(np.searchsorted(cycles, max(restarts, default=0)))
     anew = max(restarts, default=0) > settled.judged
     lately = product[product >= 0][-_LATELY:].tolist()
+    compared: list[tuple[IntArray, FloatArray]] = []
     for number, own in _rows_of(product):
         of = known.of(number)
         steady = of.slips.taken_out(vectors[own], table)
@@ -184,15 +185,15 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
         if number == product[-1]:
             ready, far, newest = part.ready, part.departs, part.newest
         if number in lately and (anew or past.settled is None):
-            kept = _measure(cycles[own], part.findings, max(restarts, default=0), config)
-            others = (
-                None
-                if model.feature_set.of_any_valve
-                else _others(vectors, product, number, config)
-            )
+            kept = measure(cycles[own], part.findings, max(restarts, default=0), config)
             doubt = doubt or doubt_of(
-                cycles[own][kept], steady[kept], table, config, others=others
+                cycles[own][kept],
+                steady[kept],
+                table,
+                config,
+                others=None if any_valve else _others(vectors, product, number, config),
             )
+            compared += [] if any_valve else [(cycles[own], steady)]
     known_since = slice(since, None)
     doubt = doubt or doubt_across(
         cycles[known_since], vectors[known_since], product[known_since], model.feature_set
@@ -225,9 +226,11 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
         ]
         found, direct = found + new, direct + new
     found = [f for f in found if not _is_slip(f, past.apart)]
-    doubt = doubt if anew or past.settled is None else settled.doubt
-    looked_at = settled.cycles + len(cycles)
-    diagnosis = Diagnosis((*before, *found), looked_at, ready, doubt, far, newest)
+    every = (*before, *found)
+    doubt = (doubt if anew or past.settled is None else settled.doubt) or _doubt_of_steps(
+        compared, every, restarts, table
+    )
+    diagnosis = Diagnosis(every, settled.cycles + len(cycles), ready, doubt, far, newest)
     return Searched(diagnosis, stopped, tuple(f for f in direct if f in diagnosis.findings))
 
 
@@ -314,20 +317,19 @@ def _text(finding: Finding) -> str:
     return kind.text if kind else "a sudden change that is like no known fault"
 
 
-def _measure(
-    cycles: IntArray, findings: Sequence[Finding], since: int, config: DetectionConfig
-) -> IntArray:
-    """Return the first cycles since a start that may be a reference.
-
-    Those of an early fault that is over may not. Where it was there from the first cycle on they
-    stay: which of the two are right is not known.
-    """
-    kept = cycles >= since
-    first = cycles[kept][: config.settled]
-    for f in findings:
-        if f.end >= 0 and len(first) and int(first[0]) < f.onset <= int(first[-1]):
-            kept &= (cycles < f.onset) | (cycles >= f.end)
-    return np.flatnonzero(kept)[: max(config.learn + config.recent, config.settled)]
+def _doubt_of_steps(
+    products: Sequence[tuple[IntArray, FloatArray]],
+    findings: Sequence[Finding],
+    restarts: Sequence[int],
+    table: SignatureTable,
+) -> str:
+    """Return that the cycles of one of some products hold a step that no fault explains, or ""."""
+    since = max(restarts, default=0)
+    for cycles, vectors in products:
+        rows = unnamed(cycles, findings, since)
+        if why := doubt_of_step(cycles, vectors, table, rows=rows):
+            return why
+    return ""
 
 
 def _until_maintained(finding: Finding, cycles: IntArray, restarts: Sequence[int]) -> Finding:

@@ -4,7 +4,8 @@
 
 What was wrong from the first cycle on does not show in any comparison with the own past. What
 began or ended in the first few cycles does, when these are compared with those that follow; but
-not which of the two are right.
+not which of the two are right. Nor does what came while the scatter was hardly known raise an
+alarm, which few cycles must show: all of them on either side of a step show it later.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.changes.jumps import BEYOND
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.lines import filled, rays_of_steps
@@ -21,6 +23,7 @@ from valve_twin.core.diagnosis.watch.alarm import Whitened, first_alarm, known_b
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from valve_twin.core.diagnosis.changes.finding import Finding
     from valve_twin.core.diagnosis.lines import Rays
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.types import FloatArray, IntArray
@@ -50,7 +53,57 @@ _SUDDEN = 0.7
 """Share of a step by which the cycles on its either side must differ: aging is none [1]."""
 
 _BESIDE = 3
-"""Cycles on either side of a step that show it."""
+"""Cycles on either side of a step that show it, and fewest that a step lies between."""
+
+
+def measure(
+    cycles: IntArray, findings: Sequence[Finding], since: int, config: DetectionConfig
+) -> IntArray:
+    """Return the first cycles since a start that may be a reference.
+
+    Those of an early fault that is over may not. Where it was there from the first cycle on they
+    stay: which of the two are right is not known.
+
+    Parameters
+    ----------
+    cycles : (N,) int64 array
+        Cycle numbers of a product, rising.
+    findings : sequence of Finding
+        Faults that were found in it.
+    since : int
+        First cycle since start or maintenance.
+    config : DetectionConfig
+        How many may be.
+
+    Returns
+    -------
+    (M,) int array
+        Their rows.
+    """
+    kept = cycles >= since
+    first = cycles[kept][: config.settled]
+    for f in findings:
+        if f.end >= 0 and len(first) and int(first[0]) < f.onset <= int(first[-1]):
+            kept &= (cycles < f.onset) | (cycles >= f.end)
+    return np.flatnonzero(kept)[: max(config.learn + config.recent, config.settled)]
+
+
+def unnamed(cycles: IntArray, findings: Sequence[Finding], since: int) -> IntArray:
+    """Return the rows of the cycles since a start in which no fault was found, (M,).
+
+    Parameters
+    ----------
+    cycles : (N,) int64 array
+        Cycle numbers, rising.
+    findings : sequence of Finding
+        Faults that were found.
+    since : int
+        First cycle since start or maintenance.
+    """
+    kept = cycles >= since
+    for f in findings:
+        kept &= (cycles < f.onset) | (cycles >= (f.end if f.end >= 0 else np.inf))
+    return np.flatnonzero(kept)
 
 
 def doubt_of(
@@ -97,11 +150,102 @@ def doubt_of(
     for count in range(config.settled, min(len(cycles), most) + 1, _STEP):
         last = _last_unlike(vectors[:count], table, config)
         if last:
-            return (
-                f"no reference: cycles {cycles[0]} to {cycles[last - 1]} differ from those since, "
-                "and nothing tells which are right: look at the valve, then mark maintenance"
-            )
+            return _differ(cycles, last)
     return ""
+
+
+def doubt_of_step(
+    cycles: IntArray,
+    vectors: FloatArray,
+    table: SignatureTable,
+    config: DetectionConfig | None = None,
+    *,
+    rows: IntArray | None = None,
+) -> str:
+    """Return that the cycles of one product hold a step that raised no alarm, or "".
+
+    An alarm is raised by the newest few cycles alone, by a scatter that counts wider while few
+    cycles tell it; once they are past, the step is part of the line and of the scatter. Here all
+    cycles on either side of it count. Aging leads to no step off the line through all cycles,
+    and what wanders or moves in steps makes other jumps beside it.
+
+    Parameters
+    ----------
+    cycles : (N,) int64 array
+        Cycle numbers, rising.
+    vectors : (N, F) array
+        Features as they are followed [unit by feature].
+    table : SignatureTable
+        Signatures of the valve's faults.
+    config : DetectionConfig, optional
+        When to speak.
+    rows : (M,) int array, optional
+        Those that count, see `unnamed`: what lies behind others is no step of one cycle.
+
+    Returns
+    -------
+    str
+        One line, which every longer history with the same rows says.
+    """
+    config = config or DetectionConfig()
+    rows = np.arange(len(cycles)) if rows is None else rows
+    most = min(len(rows), config.learn + config.recent)
+    behind = (np.flatnonzero(np.diff(rows) > 1) + 1).tolist()
+    for count in range(config.settled, most + 1):
+        apart = tuple(k for k in behind if k < count)
+        first = _stepped(vectors[rows[:count]], table, config, apart)
+        if first:
+            return _differ(cycles[rows], first)
+    return ""
+
+
+def _differ(cycles: IntArray, count: int) -> str:
+    """Return that the first of some cycles differ from those since."""
+    return (
+        f"no reference: cycles {cycles[0]} to {cycles[count - 1]} differ from those since, "
+        "and nothing tells which are right: look at the valve, then mark maintenance"
+    )
+
+
+@kept
+def _stepped(
+    vectors: FloatArray, table: SignatureTable, config: DetectionConfig, apart: tuple[int, ...]
+) -> int:
+    """Return how many of the first cycles lie a sudden and single step off the rest, 0 = none.
+
+    `apart` are rows that do not follow the row before them.
+    """
+    rays = rays_of_steps([vectors], table, config)
+    shown = rays.along(rays.whitened(filled(vectors, config.least)))
+    count = len(shown)
+    total = np.concatenate((np.zeros((1, shown.shape[1])), np.cumsum(shown, axis=0)))
+    at = np.arange(_BESIDE, count - _BESIDE + 1)
+    middle = np.median([shown[k : count - _BESIDE + 1 + k] for k in range(_BESIDE)], axis=0)
+    jump = middle[at] - middle[at - _BESIDE]  # medians: one outlier is no step
+    largest, first = _STEP_WITHDRAWS, 0
+    for i, k in enumerate(at.tolist()):
+        if any(abs(k - row) < _BESIDE for row in apart):
+            continue
+        gap = (total[-1] - total[k]) / (count - k) - total[k] / k
+        other = np.abs(jump[np.abs(at - k) >= _BESIDE]).max(axis=0, initial=0.0)
+        sure = jump[i] * np.sign(gap) > np.maximum(_SUDDEN * np.abs(gap), BEYOND * other)
+        sure &= _off_line(shown, k) * np.sign(gap) > config.departs
+        far = float(np.where(sure, np.abs(gap), 0.0).max()) * (k * (count - k) / count) ** 0.5
+        if far > largest:
+            largest, first = far, k
+    return first
+
+
+def _off_line(shown: FloatArray, first: int) -> FloatArray:
+    """Return the step behind the first of (N, S) cycles off the parabola of all, (S,) [1].
+
+    Aging may bend.
+    """
+    t = np.linspace(-1.0, 1.0, len(shown))
+    bent, _ = np.linalg.qr(np.column_stack((np.ones_like(t), t, t**2)))
+    step = np.asarray(np.arange(len(t)) >= first, np.float64)
+    step -= bent @ (bent.T @ step)
+    return np.asarray(step @ shown / (step @ step) ** 0.5)
 
 
 def _is_steady(
