@@ -76,6 +76,11 @@ def load_kernels_alone() -> None:
     if not any("numba_extensions" in (d.read_text("entry_points.txt") or "") for d in every):
         import_module("numba.core.entrypoints")._already_initialized = True  # type: ignore[attr-defined]
     runtime = import_module("numba.core.runtime").rtsys
+    caches = import_module("numba.core.caching").Cache
+    if not all(
+        hasattr(caches, name) for name in ("_guard_against_spurious_io_errors", "_load_overload")
+    ):
+        return  # a numba that loads otherwise makes itself ready as it likes
 
     def load_overload(cache: Any, signature: Any, context: Any) -> Any:
         runtime.initialize(context)
@@ -85,7 +90,7 @@ def load_kernels_alone() -> None:
             vars(import_module("numba.np.linalg"))["ensure_blas"] = _do_nothing
         return found
 
-    import_module("numba.core.caching").Cache.load_overload = load_overload
+    caches.load_overload = load_overload
 
 
 def _do_nothing() -> None:
