@@ -44,10 +44,13 @@ def test_the_first_table_is_of_the_frozen_seeds(committed):
     assert len(first["verdicts"]) == first["strangers"] >= 100
 
 
-def test_the_newest_table_is_of_400_presses_of_a_list_of_its_own(committed):
-    newest = committed["thirteenth"]
-    assert newest["seeds"] == [94_000, 94_399]
-    assert len(newest["verdicts"]) == newest["strangers"] == 400
+@pytest.mark.parametrize(
+    ("name", "base", "count"), [("thirteenth", 94_000, 400), ("fourteenth", 99_500, 200)]
+)
+def test_the_newest_tables_are_of_lists_of_their_own(committed, name, base, count):
+    newest = committed[name]
+    assert newest["seeds"] == [base, base + count - 1]
+    assert len(newest["verdicts"]) == newest["strangers"] == count
     assert share(newest["shares"], "not enough data") <= 0.05
 
 
