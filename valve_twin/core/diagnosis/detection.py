@@ -44,7 +44,8 @@ from valve_twin.core.diagnosis.watch.straight import lines_through
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.diagnosis.watch.alarm import Alarm, Seen, View
+    from valve_twin.core.diagnosis.watch.alarm import Alarm, Seen
+    from valve_twin.core.diagnosis.watch.whitened import View
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _BEHIND = 16

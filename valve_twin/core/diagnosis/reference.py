@@ -18,7 +18,8 @@ from valve_twin.core.diagnosis.changes.jumps import BEYOND
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.lines import filled, rays_of_steps
-from valve_twin.core.diagnosis.watch.alarm import Whitened, first_alarm, known_by
+from valve_twin.core.diagnosis.watch.alarm import first_alarm
+from valve_twin.core.diagnosis.watch.whitened import Whitened, known_by
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

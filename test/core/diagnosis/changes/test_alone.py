@@ -10,7 +10,7 @@ from valve_twin.core.diagnosis.config import OF_ANY_VALVE, DetectionConfig
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
 from valve_twin.core.diagnosis.table import FACTORS, Signature, with_floor
-from valve_twin.core.diagnosis.watch.alarm import Whitened
+from valve_twin.core.diagnosis.watch.whitened import Whitened
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.registry import get_model
 

@@ -12,6 +12,7 @@ from valve_twin.core.diagnosis.config import OF_A_MODEL, OF_ANY_VALVE
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.generic.campaign import model_rig, own_signatures
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
+from valve_twin.core.diagnosis.watch.whitened import Whitened
 from valve_twin.core.valves.registry import get_model
 
 BEFORE = 10
@@ -161,3 +162,36 @@ def test_its_large_faults_are_found_and_cycles_by_chance_ask_for_no_more(table):
             assert wandered(wandering(table, seed, share=0.0), rows, OF_ANY_VALVE) < 1.1
     assert wandered(wandering(table, 1), 40, OF_ANY_VALVE) > 2.0
     assert wandered(wandering(table, 1), 40, OF_A_MODEL) == 1.0
+
+
+@pytest.mark.parametrize("value", [0.0, 0.1, 1.0 / 3.0, 12.3])
+def test_what_stays_as_it_is_does_not_wander(table, value):
+    """Its line leaves the same rounding in every cycle, which looked like a correlation of 1."""
+    rows = wandering(table, 5, share=0.0)
+    usual = wandered(rows, 40, OF_ANY_VALVE)
+    assert (
+        wandered(np.column_stack((rows, np.full((len(rows), 9), value))), 40, OF_ANY_VALVE)
+        == usual
+    )
+
+
+def test_what_is_shown_in_every_second_cycle_does_not_wander(table):
+    """A cycle that does not show it repeats the last value."""
+    rows = wandering(table, 6, share=0.0)
+    rows[1::2, :-1] = np.nan
+    seen = Whitened(rows, 40, table, OF_ANY_VALVE)
+    assert wandered(seen.view[1], 80, OF_ANY_VALVE) > 1.5
+    assert wandered(seen.measured, 80, OF_ANY_VALVE) == 1.0
+
+
+@pytest.mark.parametrize("at_a_time", [1, 7])
+def test_what_was_measured_is_the_same_whatever_comes_at_a_time(table, at_a_time):
+    rows = wandering(table, 7, share=0.0)
+    rows[::3, 2] = np.nan
+    grown = Whitened(rows[:30], 30, table, OF_ANY_VALVE)
+    for end in range(30 + at_a_time, len(rows) + 1, at_a_time):
+        grown.grow(rows[:end])
+    at_once = Whitened(rows[: len(grown)], 30, table, OF_ANY_VALVE)
+    np.testing.assert_array_equal(grown.measured, at_once.measured)
+    assert np.isnan(grown.measured[::3]).all()
+    assert np.isfinite(grown.measured[1::3]).all()

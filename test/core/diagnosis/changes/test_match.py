@@ -8,7 +8,7 @@ import pytest
 from valve_twin.core.diagnosis.changes.match import fits_an_end, match
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.detection import RIVAL
-from valve_twin.core.diagnosis.watch.alarm import whitened
+from valve_twin.core.diagnosis.watch.whitened import whitened
 from valve_twin.core.valves.press_cartridge import MODEL
 
 TABLE = MODEL.signatures()

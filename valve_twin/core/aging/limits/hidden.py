@@ -14,7 +14,7 @@ from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.history import followed, products_of
 from valve_twin.core.diagnosis.table import BY_NAME, SHOWN_BY
-from valve_twin.core.diagnosis.watch.alarm import known_by, whitened
+from valve_twin.core.diagnosis.watch.whitened import known_by, whitened
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.config import DetectionConfig

@@ -53,6 +53,10 @@ what does not by chance; set on made-up valves [1]."""
 _WIDER = 4.0
 """By how much farther cycles must then lie, a unit of that correlation; set likewise [1]."""
 
+_ROUNDING = 1e-9
+"""Share of a feature's size below which it does not scatter: the line through what stays as it is
+leaves the same rounding in every cycle [1]."""
+
 _QUIET = 3.0
 """Least that counts as the farthest, in the least standard deviation of a feature [1]."""
 
@@ -236,13 +240,13 @@ def _wander(
         if known < max(_LEAST - 1, _KNOWN * (first - since)):
             continue
         level, slope, centre = _line(room[0][:known], room[1][:known])
-        squares, products, last = 0.0, 0.0, 0.0
+        squares, products, last, largest = 0.0, 0.0, 0.0, 0.0
         for k in range(known):
             off = room[1][k] - level - slope * (room[0][k] - centre)
             squares += off * off
             products += off * last
-            last = off
-        if squares > 0.0:
+            last, largest = off, max(largest, abs(room[1][k]))
+        if squares > known * (_ROUNDING * largest) ** 2:  # else it stays as it is
             alike += products / squares
             features += 1
     return 1.0 + _WIDER * max(alike / max(features, 1) - _WANDERS, 0.0)

@@ -18,21 +18,15 @@ from valve_twin.core.diagnosis.changes.alone import Alone, departs
 from valve_twin.core.diagnosis.changes.beyond import first_beyond, wandered
 from valve_twin.core.diagnosis.changes.jumps import BESIDE, BEYOND, jumps_made
 from valve_twin.core.diagnosis.changes.kept import kept
-from valve_twin.core.diagnosis.lines import (
-    REACH,
-    Rays,
-    filled,
-    filled_on,
-    whitened_rays,
-    without_outliers,
-)
-from valve_twin.core.diagnosis.watch.growing import Growing, begins
-from valve_twin.core.diagnosis.watch.straight import Sums, follow
+from valve_twin.core.diagnosis.watch.growing import begins
+from valve_twin.core.diagnosis.watch.straight import follow
+from valve_twin.core.diagnosis.watch.whitened import Whitened, known_by
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.changes.finding import Finding
     from valve_twin.core.diagnosis.changes.match import Match
     from valve_twin.core.diagnosis.config import DetectionConfig
+    from valve_twin.core.diagnosis.lines import Rays
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
@@ -45,118 +39,8 @@ _OF_LARGEST = 0.3
 
 _AT_A_TIME = 256  # rows that are judged together at first, before it is asked for an alarm
 
-View: TypeAlias = "tuple[FloatArray, FloatArray, Rays]"
-"""Whitened cycles, the same without outliers, and the whitened signatures."""
-
 Alarm: TypeAlias = "tuple[int, int]"
 """Row that raised an alarm, and that of its onset."""
-
-
-class Whitened:
-    """Cycles in standard deviations of the first ones; more may be added.
-
-    Parameters
-    ----------
-    vectors : (N, F) array
-        Features as they are followed [unit by feature].
-    known : int
-        How many of the first cycles say how the valve scatters.
-    table : SignatureTable
-        Signatures of the valve's faults.
-    config : DetectionConfig
-        When to speak.
-
-    Attributes
-    ----------
-    rays : Rays
-        Whitened signatures.
-    """
-
-    def __init__(
-        self, vectors: FloatArray, known: int, table: SignatureTable, config: DetectionConfig
-    ) -> None:
-        y = filled(vectors, config.least)
-        self._level = y[:known].mean(axis=0)
-        self._config, self._last = config, y[-1].copy()
-        y -= self._level
-        seen = np.isfinite(vectors)
-        self.rays = whitened_rays(y[:known], seen, table, config, level=self._level)
-        self._given = np.count_nonzero(seen[: config.least], axis=0) >= config.least // 2
-        width = vectors.shape[1]
-        self._w, self._base = Growing(width), Growing(width)
-        self._past = Sums.none(width)
-        self._total = Growing(width, np.zeros((1, width)))
-        self._put(y)
-
-    def __len__(self) -> int:
-        """Return the number of cycles."""
-        return len(self._w)
-
-    def grow(self, vectors: FloatArray) -> None:
-        """Take the rows of (N, F) features that come behind those known."""
-        new = vectors[len(self) :]
-        if len(new):
-            y = filled_on(self._last, new, self._given)
-            self._last = y[-1].copy()
-            self._put(y - self._level)
-
-    def _put(self, y: FloatArray) -> None:
-        """Add cycles; whether the last one is an outlier is told by the next."""
-        count, w = len(self), self.rays.whitened(y)
-        self._w.put(count, w)
-        self._total.add_up(count, w)
-        open_from = max(count - 1, 0)
-        since = max(open_from - REACH, 0)
-        base = without_outliers(self._w.rows[since:], self._config)[open_from - since :]
-        self._base.put(open_from, base)
-        self._past.put(open_from, base)
-
-    @property
-    def view(self) -> View:
-        """The cycles, the same without outliers, and the signatures; good until more come."""
-        return self._w.rows, self._base.rows, self.rays
-
-    @property
-    def past(self) -> Sums:
-        """Sums of the cycles without outliers."""
-        return self._past
-
-    @property
-    def total(self) -> FloatArray:
-        """Sums of the first cycles, (N + 1, F)."""
-        return self._total.rows
-
-
-def whitened(
-    vectors: FloatArray, known: int, end: int, table: SignatureTable, config: DetectionConfig
-) -> View:
-    """Return the first `end` cycles whitened by the scatter of the first `known`.
-
-    Parameters
-    ----------
-    vectors : (N, F) array
-        Features as they are followed [unit by feature].
-    known, end : int
-        Numbers of cycles.
-    table : SignatureTable
-        Signatures of the valve's faults.
-    config : DetectionConfig
-        When to speak.
-    """
-    return Whitened(vectors[:end], known, table, config).view
-
-
-def known_by(count: int, config: DetectionConfig) -> int:
-    """Return how many of the first cycles say how a valve scatters.
-
-    Parameters
-    ----------
-    count : int
-        Cycles that are there [1].
-    config : DetectionConfig
-        When to speak.
-    """
-    return min(config.learn, max(count - config.recent, config.least))
 
 
 class Watch:
@@ -221,7 +105,7 @@ class Watch:
                 made = jumps_made(rays.along(base), config.window)
             shown = shown[far] & _lasts(seen, config, end[far], m, made)
             for k in np.flatnonzero(shown.any(axis=1)):
-                much = wandered(base, int(end[far[k]]) - m + 1, config)
+                much = wandered(seen.measured, int(end[far[k]]) - m + 1, config)
                 shown[k] &= ratio[far[k]] > much * least * stray[far[k]]
             hits = np.flatnonzero(shown.any(axis=1))
             if not len(hits):
