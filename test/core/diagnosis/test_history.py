@@ -97,6 +97,26 @@ def changed_product(fault, *, which, cycles=70):
     ]
 
 
+@pytest.mark.parametrize("newest", [0, 2])
+def test_a_step_that_raised_no_alarm_is_told_beside_a_product_that_is_not_known(newest):
+    """A stored reference may say that the product is known, and nothing of the step."""
+    table, kind = MODEL.signatures(), MODEL.feature_set
+    rng = np.random.default_rng(0)
+    rows = 3.0 * rng.multivariate_normal(np.zeros(len(kind.names)), table.covariance, 44 + newest)
+    rows[12:] += 2.0 * np.array([s.change for s in table.signatures if s.fault == "preload"][1])
+    history = [
+        replace(
+            estimate(c),
+            parameters=stored(kind, row),
+            end_ns=c * 30 * 10**9 + (25 if c < 45 else 28) * 10**9,
+        )
+        for c, row in enumerate(rows, 1)
+    ]
+    found = diagnose(history, ())
+    assert not found.findings
+    assert found.doubt.startswith("no reference: cycles 1 to 1")
+
+
 @pytest.mark.parametrize("fault", ["leak", "coil_resistance"])
 def test_maintenance_ends_a_fault_of_a_product_that_is_not_made_any_more(fault):
     history = changed_product(fault, which=1)

@@ -23,7 +23,7 @@ from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
 from valve_twin.core.diagnosis.given.judged import judged, without_first
 from valve_twin.core.diagnosis.products import clocks_apart, products
-from valve_twin.core.diagnosis.reference import doubt_of, doubt_of_step, measure, unnamed
+from valve_twin.core.diagnosis.reference import YET, doubt_of, doubt_of_step, measure, unnamed
 from valve_twin.core.diagnosis.refused import still, with_still
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.core.diagnosis.watch.growing import present
@@ -227,9 +227,9 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
         found, direct = found + new, direct + new
     found = [f for f in found if not _is_slip(f, past.apart)]
     every = (*before, *found)
-    doubt = (doubt if anew or past.settled is None else settled.doubt) or _doubt_of_steps(
-        compared, every, restarts, table
-    )
+    doubt = doubt if anew or past.settled is None else settled.doubt
+    if not doubt or doubt.startswith(YET):  # a stored reference may take that one back
+        doubt = _doubt_of_steps(compared, every, restarts, table) or doubt
     diagnosis = Diagnosis(every, settled.cycles + len(cycles), ready, doubt, far, newest)
     return Searched(diagnosis, stopped, tuple(f for f in direct if f in diagnosis.findings))
 
