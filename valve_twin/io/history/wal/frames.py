@@ -202,29 +202,44 @@ def keep_open(path: str, flags: int = os.O_RDONLY) -> int:
     flags : int
         How to open it, as `os.open` takes it.
     """
-    status = os.stat(path)
-    key = status.st_dev, status.st_ino, flags
     with _turn:
+        key = *_inode(os.stat(path)), flags
         if key not in _kept:
             _let_go()
-            _kept[key] = os.open(path, flags | os.O_CLOEXEC)
-        return _kept[key]
+            file = os.open(path, flags | os.O_CLOEXEC)
+            key = *_inode(os.fstat(file)), flags  # the path may have been replaced meanwhile
+            _kept.setdefault(key, []).append(file)
+        return _kept[key][0]
 
 
 def _let_go() -> None:
-    """Close what was deleted and is mapped no more: each opening of a history makes an index."""
-    gone = [(key, file) for key, file in _kept.items() if os.fstat(file).st_nlink == 0]
+    """Close what was deleted and only this has open: each opening of a history makes an index."""
+    gone = [key for key, files in _kept.items() if os.fstat(files[0]).st_nlink == 0]
     gone = gone[:-_MOST_GONE]
     if not gone:
         return
-    with suppress(FileNotFoundError), open("/proc/self/maps", "rb") as maps:
-        mapped = {line.split(maxsplit=5)[4] for line in maps}
-        for key, file in gone:
-            if str(key[1]).encode() not in mapped:
-                del _kept[key]
-                os.close(file)
+    with suppress(FileNotFoundError):
+        used = _others()
+        for key in gone:
+            if key[:2] not in used:
+                for file in _kept.pop(key):
+                    os.close(file)
+
+
+def _others() -> set[tuple[int, int]]:
+    """Return what is open in this process apart from what is kept."""
+    kept = {file for files in _kept.values() for file in files}
+    found = set()
+    for file in {int(name) for name in os.listdir("/proc/self/fd")} - kept:
+        with suppress(OSError):  # another thread has closed it
+            found.add(_inode(os.fstat(file)))
+    return found
+
+
+def _inode(status: os.stat_result) -> tuple[int, int]:
+    return status.st_dev, status.st_ino
 
 
 _MOST_GONE = 8  # the last ones may be in use by another thread at this moment
-_kept: dict[tuple[int, int, int], int] = {}
+_kept: dict[tuple[int, int, int], list[int]] = {}
 _turn = threading.Lock()
