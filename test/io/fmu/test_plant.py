@@ -322,6 +322,15 @@ def test_after_an_fmu_that_cannot_be_loaded_another_one_can(fmus, tmp_path):
     assert SimulatedValve(sound, 1).advance(3).position.size == 3
 
 
+def test_an_fmu_that_leaves_out_its_identifier_is_refused_in_one_line(tmp_path):
+    """It was a bare TypeError."""
+    path = tmp_path / "a.fmu"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("modelDescription.xml", (HEAD % ("", "")).replace(' modelIdentifier=""', ""))
+    with pytest.raises(ConfigError, match="modelIdentifier '' names no file of its own"):
+        simulation_for("first_order", {"fmu.file": str(path), **QUIET})
+
+
 @pytest.mark.parametrize("name", ["../../../outside", "/tmp/outside", "..", ""])
 def test_an_fmu_names_no_program_outside_and_writes_nothing_there(name, tmp_path):
     with pytest.raises(ConfigError, match=r"modelIdentifier '.*' names no file of its own|no FMU"):

@@ -82,3 +82,19 @@ def test_a_clock_that_is_set_forward_loses_nothing_either():
     assert (grid.samples, grid.missing) == (4, 1)
     assert list(grid.sorted([Sample(0, now_ns + hour, 1.0)], now_ns + hour))
     assert grid.missing == 1 + 360_000 - 4
+
+
+def test_a_gap_of_minutes_inside_a_batch_is_missing_too():
+    """Only the first sample of a batch was held to the time since the one before."""
+    grid, now_ns, s = Grid(1.0), 1_700_000_000_000_000_000, 1_000_000_000
+    assert list(grid.sorted([Sample(0, now_ns, 1.0)], now_ns))
+    stamps = [now_ns + 1 * s, now_ns + 101 * s, now_ns + 102 * s]
+    assert list(grid.sorted([Sample(0, stamp, 1.0) for stamp in stamps], now_ns + 102 * s))
+    assert grid.missing == 99
+
+
+def test_where_our_own_clock_is_set_back_gaps_count_as_well():
+    grid, now_ns, s = Grid(1.0), 1_700_000_000_000_000_000, 1_000_000_000
+    assert list(grid.sorted([Sample(0, now_ns, 1.0)], now_ns))
+    assert list(grid.sorted([Sample(0, now_ns + 5 * s, 1.0)], now_ns - 3600 * s))
+    assert grid.missing == 4

@@ -93,7 +93,7 @@ class Unit:
         if told.coSimulation is None:
             why = "is for model exchange only; export it for co-simulation"
             raise self._refused(why)
-        self._name, self._guid = told.coSimulation.modelIdentifier, told.guid
+        self._name, self._guid = told.coSimulation.modelIdentifier or "", told.guid
         if self._name in {"", ".", ".."} or set(self._name) & set("/\\"):
             why = f"its modelIdentifier '{self._name}' names no file of its own"
             raise self._refused(why)

@@ -16,8 +16,8 @@ SHARE = 0.1
 """A stamp so far off the grid, as share of the period, begins another run, assumed [1]."""
 
 JUMP_NS = 60_000_000_000
-"""Stamps that go on by so much more than our clock are those of a clock that was set, not of
-samples that are missing, assumed [ns]."""
+"""Stamps that go on by so much more than our clock since the batch before are those of a clock
+that was set, not of samples that are missing, assumed [ns]."""
 
 
 class Grid:
@@ -59,6 +59,7 @@ class Grid:
             When they came; the stamp of a sample that has none [ns since 1970].
         """
         start_ns, values = 0, list[float]()
+        most_ns = max(now_ns - (self._came_ns or now_ns), 0) + JUMP_NS
         for sample in samples:
             stamp_ns = sample.stamp_ns or now_ns
             self._connections += sample.first
@@ -66,7 +67,8 @@ class Grid:
                 self.repeated += 1
                 self._begins = sample.first
                 continue
-            self._count(stamp_ns, sample, now_ns)
+            self._count(stamp_ns, sample, most_ns)
+            self._came_ns = now_ns
             off_ns = stamp_ns - (start_ns + len(values) * self._period_ns)
             if values and (not self._period_ns or abs(off_ns) > SHARE * self._period_ns):
                 yield start_ns, values
@@ -77,10 +79,9 @@ class Grid:
         if values:
             yield start_ns, values
 
-    def _count(self, stamp_ns: int, sample: Sample, now_ns: int) -> None:
+    def _count(self, stamp_ns: int, sample: Sample, most_ns: int) -> None:
         self.samples += 1
         self.masked += math.isnan(sample.value)
-        most_ns = now_ns - self._came_ns + JUMP_NS
         if self._period_ns and 0 < self._last_ns < stamp_ns <= self._last_ns + most_ns:
             gap = max(round((stamp_ns - self._last_ns) / self._period_ns) - 1, 0)
             if not (sample.first or self._begins):
@@ -88,4 +89,4 @@ class Grid:
             elif self._connections > 1:
                 self.unheard += gap
         self._begins = sample.first
-        self._last_ns, self._came_ns = stamp_ns, now_ns
+        self._last_ns = stamp_ns
