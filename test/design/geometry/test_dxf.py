@@ -106,6 +106,11 @@ def test_a_polyline_that_lost_a_corner_or_lies_in_another_plane_is_refused(tmp_p
         with pytest.raises(ValueError, match=words):
             read_dxf(path)
     turned = "210\n0\n220\n0\n230\n-1\n"
+    rounded = turned.replace("-1", "0.9999999999999999")
+    same = text[:drawn] + text[drawn:at].replace("\n4\n", "\n04\n", 1) + rounded + text[at:]
+    assert "\n04\n" in same
+    path.write_text(same, encoding="utf-8")
+    assert read_dxf(path)["armature"][0][2] == pytest.approx((8e-3, 12e-3))
     path.write_text(text[:at] + turned + text[at:], encoding="utf-8")
     with pytest.raises(ValueError, match="holds a polyline in another plane: draw it in x, y"):
         read_dxf(path)

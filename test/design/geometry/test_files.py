@@ -19,6 +19,7 @@ materials: {iron: {kind: steel}}
 regions:
   - {name: core, material: iron, outline_mm: [[0, 0], [5, 0], [5, 9], [0, 9]]}
 """
+TAGGED = ('!!int ""', '!!float ""', "!!bool x", "!!timestamp x", "!!map [a]", "! 300")
 
 
 def test_what_is_written_is_read_again(tmp_path):
@@ -84,6 +85,9 @@ def test_regions_come_from_the_layers_of_a_drawing(tmp_path):
         ("kind: section  # " + (1 << 18) * "x", "longer than 256 kB, which no design is"),
         ("a: &x [1]\nkind: *x", "line 2: \\*x repeats a value; write it out"),
         ("kind: 2001-99-99", "cannot be read"),
+        *((f"kind: hybrid_pole\na: {tagged}", "line 2: a tag, as !!int") for tagged in TAGGED),
+        ("kind: double_stroke\nturns: 1" + 400 * "0", "line 2: a number beyond 1e308"),
+        ("kind: double_stroke\nturns: 1" + 200 * ":00" + ".0", "line 2: a number beyond 1e308"),
         (
             "kind: double_stroke\ngap_ratio: -1",
             "gap_ratio: value -1.0 is outside its limits; write",

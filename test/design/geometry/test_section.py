@@ -91,6 +91,26 @@ def test_regions_that_touch_do_not_overlap():
     assert len(section(ONE, two, three).regions) == 3
 
 
+def halves(r: float, z: float, wide: float, tall: float, *, rises: bool) -> tuple[Region, Region]:
+    low, right, high, left = ((1e-3 * a, 1e-3 * b) for a, b in rectangle(r, r + wide, z, z + tall))
+    if rises:
+        return Region("one", "air", (low, right, high)), Region("two", "air", (low, high, left))
+    return Region("one", "air", (low, right, left)), Region("two", "air", (right, high, left))
+
+
+@pytest.mark.parametrize("rises", [True, False])
+def test_halves_of_a_rectangle_touch_along_its_diagonal(rises):
+    """5 x 14 mm at (10, 20) overlapped: points of the same share in r and z lie on it."""
+    rng = np.random.default_rng(1)
+    for wide, tall in [(5.0, 14.0), *rng.integers(1, 200, (60, 2)) / 10.0]:
+        one, two = halves(10.0, 20.0, wide, tall, rises=rises)
+        assert len(box((one, two)).regions) == 2
+        moved = 2.5e-4 * wide if rises else -2.5e-4 * wide
+        over = Region("over", "air", tuple((r + moved, z) for r, z in two.outline))
+        with pytest.raises(ValueError, match="one and over overlap"):
+            box((one, over))
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from itertools import chain
-from math import isfinite
+from math import isclose, isfinite
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -114,10 +114,15 @@ def _pieces(path: Path) -> tuple[int, list[_Piece]]:
         kind, closed, corners = item.dxftype(), False, []
         if isinstance(item, LWPolyline):
             closed = item.closed
-            kind = item.dxftype() if tuple(item.dxf.extrusion) == (0.0, 0.0, 1.0) else _TURNED
+            kind = item.dxftype() if _is_upright(item.dxf.extrusion) else _TURNED
             corners = [(float(x), float(y), float(b)) for x, y, b in item.get_points("xyb")]
         pieces.append((str(item.dxf.layer), kind, closed, corners))
     return int(drawing.units), pieces
+
+
+def _is_upright(normal: Iterable[float]) -> bool:
+    """Return whether a polyline lies in x, y; rounded by who wrote it."""
+    return all(isclose(a, b, abs_tol=1e-9) for a, b in zip(normal, (0.0, 0.0, 1.0), strict=True))
 
 
 def _lost_corners(path: Path) -> str:
@@ -143,7 +148,8 @@ def _lost_of(tags: Iterable[Any]) -> str:
         if kind == "LWPOLYLINE":
             claimed = str(found.get(_CLAIM, ["none"])[0]).strip()
             count = len(found.get(_X, ()))
-            if claimed != str(count) or len(found.get(_Y, ())) != count:
+            as_many = claimed.isdecimal() and int(claimed) == count
+            if not as_many or len(found.get(_Y, ())) != count:
                 return f"a polyline of {count} corners that claims {claimed}"
         kind = value.strip()
         found = {}

@@ -59,9 +59,14 @@ class _Loader(yaml.SafeLoader):
     def number(self, node: yaml.ScalarNode) -> float:
         """Return a number; one that people read otherwise than YAML does is refused."""
         whole = node.tag.endswith(":int")
-        value = self.construct_yaml_int(node) if whole else self.construct_yaml_float(node)
+        line = node.start_mark.line + 1
+        try:
+            value = self.construct_yaml_int(node) if whole else self.construct_yaml_float(node)
+            float(value)
+        except OverflowError:
+            why = f"line {line}: a number beyond 1e308"
+            raise yaml.constructor.ConstructorError(problem=why) from None
         if ODD_NUMBER.fullmatch(node.value):
-            line = node.start_mark.line + 1
             why = f"line {line}: '{node.value}' is {value} to YAML; write {value}"
             raise yaml.constructor.ConstructorError(problem=why)
         return value
@@ -163,6 +168,9 @@ def _check_plain(text: str) -> None:
             raise ValueError(message)
         if isinstance(event, yaml.AliasEvent):
             message = f"line {line}: *{event.anchor} repeats a value; write it out"
+            raise ValueError(message)
+        if isinstance(event, yaml.NodeEvent) and getattr(event, "tag", None):
+            message = f"line {line}: a tag, as !!int, which no design needs; write the value alone"
             raise ValueError(message)
 
 

@@ -188,12 +188,14 @@ class Section:
         end = np.concatenate([np.roll(np.array(outline), -1, axis=0) for outline in outlines])
         owner = np.repeat(np.arange(len(outlines)), [len(outline) for outline in outlines])
         (r0, z0), (r1, z1) = start.T, end.T
-        r, heights = (np.sort(_thirds(np.unique(axis))) for axis in corners.T)
+        r = _between(corners[:, 0], (0.31, 0.72))  # others than in z, lest a diagonal meets both
+        heights = _between(corners[:, 1], (0.37, 0.66))
+        inwards = np.array([1e-9, -1e-9]) * np.ptp(r)
         for z in heights:
             on = np.flatnonzero((z0 > z) != (z1 > z))
             at = r0[on] + (z - z0[on]) * (r1[on] - r0[on]) / (z1[on] - z0[on])
             order = np.lexsort((at, owner[on]))  # each region's edges by pairs: in and out again
-            bounds = np.searchsorted(r, at[order]).reshape(-1, 2)
+            bounds = np.searchsorted(r, at[order].reshape(-1, 2) + inwards)
             of = owner[on][order][::2]
             covers = np.zeros(len(r) + 1, dtype=np.int64)
             np.add.at(covers, bounds[:, 0], 1)
@@ -289,10 +291,11 @@ def inside(outline: Outline, r: FloatArray, z: FloatArray) -> BoolArray:
     return found
 
 
-def _thirds(lines: FloatArray) -> FloatArray:
-    """Return two points, off the middle, between each line and the next."""
+def _between(corners: FloatArray, shares: tuple[float, float]) -> FloatArray:
+    """Return two points between each line through corners and the next, rising."""
+    lines = np.unique(corners)
     steps = np.diff(lines)
     steps = np.where(steps > 1e-9 * (lines[-1] - lines[0]), steps, np.nan)  # one line, rounded
-    points = np.concatenate([lines[:-1] + 0.31 * steps, lines[:-1] + 0.72 * steps])
-    found: FloatArray = points[np.isfinite(points)]
+    points = np.concatenate([lines[:-1] + share * steps for share in shares])
+    found: FloatArray = np.sort(points[np.isfinite(points)])
     return found
