@@ -128,11 +128,10 @@ def can_fork(name: str) -> bool:
 def warm_worker() -> None:
     """Let twins fork the process that estimates from one that is warm and has no threads.
 
-    A fresh interpreter takes 1 s of CPU until it estimates, a fork of this one 0.1 s.
+    A fresh interpreter takes 1 s of CPU until it estimates, a fork of this one 0.1 s. It ends when
+    a twin is killed while it asks (EOFError in `multiprocessing.forkserver`), and is begun anew.
     """
     worker: Any = import_module("valve_twin.nodes.runtime.worker")
-    if worker.START_METHOD == "forkserver":
-        return
     worker.START_METHOD = "forkserver"
     multiprocessing.set_forkserver_preload(["warmed"])
     before = os.environ.get("PYTHONPATH")  # no path but this one reaches what is preloaded
@@ -170,6 +169,7 @@ def _load() -> None:
 def _next(line: socket.socket) -> Order | None:
     """Return in a fork what it is to be, and None where no more are wanted."""
     while message := line.recv(2**20):
+        warm_worker()
         receive, send = os.pipe()
         between = _fork()
         if not between:

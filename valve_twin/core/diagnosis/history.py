@@ -227,9 +227,9 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
         found, direct = found + new, direct + new
     found = [f for f in found if not _is_slip(f, past.apart)]
     every = (*before, *found)
-    doubt = doubt if anew or past.settled is None else settled.doubt
-    if not doubt or doubt.startswith(YET):  # a stored reference may take that one back
-        doubt = _doubt_of_steps(compared, every, restarts, table) or doubt
+    doubt = _with_steps(
+        doubt if anew or past.settled is None else settled.doubt, compared, every, restarts, table
+    )
     diagnosis = Diagnosis(every, settled.cycles + len(cycles), ready, doubt, far, newest)
     return Searched(diagnosis, stopped, tuple(f for f in direct if f in diagnosis.findings))
 
@@ -317,19 +317,22 @@ def _text(finding: Finding) -> str:
     return kind.text if kind else "a sudden change that is like no known fault"
 
 
-def _doubt_of_steps(
+def _with_steps(
+    doubt: str,
     products: Sequence[tuple[IntArray, FloatArray]],
     findings: Sequence[Finding],
     restarts: Sequence[int],
     table: SignatureTable,
 ) -> str:
-    """Return that the cycles of one of some products hold a step that no fault explains, or ""."""
+    """Return a doubt, or that the cycles of a product hold a step that no fault explains."""
+    if doubt and not doubt.startswith(YET):  # which a stored reference may take back
+        return doubt
     since = max(restarts, default=0)
     for cycles, vectors in products:
         rows = unnamed(cycles, findings, since)
         if why := doubt_of_step(cycles, vectors, table, rows=rows):
             return why
-    return ""
+    return doubt
 
 
 def _until_maintained(finding: Finding, cycles: IntArray, restarts: Sequence[int]) -> Finding:
