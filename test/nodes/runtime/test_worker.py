@@ -9,6 +9,7 @@ import signal
 import socket
 from multiprocessing import forkserver
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -33,13 +34,13 @@ def end_warm(address: str) -> None:
 
 def test_a_twin_that_is_killed_while_it_asks_leaves_the_next_ones_a_worker(graph):
     warm_worker()
-    server = forkserver._forkserver
+    server: Any = forkserver._forkserver
     before = server._forkserver_pid
     end_warm(server._forkserver_address)
     graph.spin_until(lambda: has_ended(before), what="the end of the warm process")
     warm_worker()
     assert server._forkserver_pid != before
-    outcomes = queue.SimpleQueue()
+    outcomes = queue.SimpleQueue[Any]()
     worker = WorkerProcess()
     try:
         worker.submit(math.sqrt, (4.0,), outcomes.put)
