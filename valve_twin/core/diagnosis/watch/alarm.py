@@ -104,8 +104,9 @@ class Watch:
             if made is None:
                 made = jumps_made(rays.along(base), config.window)
             shown = shown[far] & _lasts(seen, config, end[far], m, made)
+            measured = seen.measured
             for k in np.flatnonzero(shown.any(axis=1)):
-                much = wandered(seen.measured, int(end[far[k]]) - m + 1, config)
+                much = wandered(measured, int(end[far[k]]) - m + 1, config)
                 shown[k] &= ratio[far[k]] > much * least * stray[far[k]]
             hits = np.flatnonzero(shown.any(axis=1))
             if not len(hits):
