@@ -177,6 +177,19 @@ def _usual(
 
 
 @njit(cache=True)
+def _gather(
+    vectors: FloatArray, j: int, since: int, first: int, room: tuple[FloatArray, FloatArray]
+) -> int:
+    """Gather rows and values of a feature before row `first`; how many, 0 = too few are known."""
+    known = 0
+    for row in range(since, first):
+        if np.isfinite(vectors[row, j]):
+            room[0][known], room[1][known] = row, vectors[row, j]
+            known += 1
+    return known if known >= max(_LEAST - 1, _KNOWN * (first - since)) else 0
+
+
+@njit(cache=True)
 def _farthest(
     vectors: FloatArray,
     least: FloatArray,
@@ -188,12 +201,8 @@ def _farthest(
     """Return how many times as far as those before rows `first` to `end` lie, in any feature."""
     since, most = max(first - window, 0), 0.0
     for j in range(vectors.shape[1]):
-        known = 0
-        for row in range(since, first):
-            if np.isfinite(vectors[row, j]):
-                room[0][known], room[1][known] = row, vectors[row, j]
-                known += 1
-        if known < max(_LEAST - 1, _KNOWN * (first - since)):
+        known = _gather(vectors, j, since, first, room)
+        if known == 0:
             continue
         place, value, new = room[0][:known], room[1][:known], vectors[first : end + 1, j]
         near = _nearest(new, first, place, value)
@@ -232,12 +241,8 @@ def _wander(
     """
     since, alike, features = max(first - window, 0), 0.0, 0
     for j in range(vectors.shape[1]):
-        known = 0
-        for row in range(since, first):
-            if np.isfinite(vectors[row, j]):
-                room[0][known], room[1][known] = row, vectors[row, j]
-                known += 1
-        if known < max(_LEAST - 1, _KNOWN * (first - since)):
+        known = _gather(vectors, j, since, first, room)
+        if known == 0:
             continue
         level, slope, centre = _line(room[0][:known], room[1][:known])
         squares, products, last, largest = 0.0, 0.0, 0.0, 0.0
