@@ -221,6 +221,20 @@ def test_of_two_thresholds_the_one_ahead_is_reported(history, scatter):
     assert trend_of(history(K_in=aging(scatter))).threshold < up.min()
 
 
+@pytest.mark.parametrize("loss", [0.25, -0.25])
+def test_a_limit_either_way_holds_up_and_down(history, scatter, loss):
+    config = replace(CONFIG, thresholds=(Threshold("K_in", 20.0, either_way=True),))
+    result = judge(history(K_in=aging(scatter, loss=loss)), config=config)
+    assert result.trends[0].status is TrendStatus.BEYOND_THRESHOLD
+    assert result.verdict.text == "valve"
+
+
+def test_an_absolute_limit_has_one_side():
+    limit = Threshold("K_in", 0.007, relative=False, either_way=True)
+    with pytest.raises(ValueError, match="limit of K_in is absolute"):
+        replace(CONFIG, thresholds=(limit,))
+
+
 def test_without_threshold_nothing_remains_to_be_said(history, scatter):
     config = replace(CONFIG, default_percent=0.0)
     result = judge(history(K_in=aging(scatter)), config=config)

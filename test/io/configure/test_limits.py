@@ -7,7 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from valve_twin.io.configure.limits import LEAST_CYCLES, justified_limits, limit_of
+from test.io.configure.test_survey import slew_valve, survey, switched
+from valve_twin.core.aging.drift import wanted_limits
+from valve_twin.io.config.valve import load_config
+from valve_twin.io.configure.channels import look
+from valve_twin.io.configure.limits import LEAST_CYCLES, Limit, justified_limits, limit_of
+from valve_twin.io.configure.proposal import yaml_text
+from valve_twin.io.configure.survey import choose
+from valve_twin.io.instruments.clock import ClockChoice
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -42,6 +49,18 @@ def test_what_supports_no_limit_gets_none_with_the_reason(values, why):
     limit = limit_of("speed", values)
     assert np.isnan(limit.percent)
     assert why in limit.reason
+
+
+@pytest.mark.usefixtures("one_model")
+def test_a_proposed_limit_stands_up_and_down(tmp_path):
+    command = switched()
+    survey(tmp_path / "a.csv", {"command [mm]": command, "stroke [mm]": slew_valve(command)})
+    seen, choice = choose(look([tmp_path / "a.csv"], ClockChoice()))
+    text = yaml_text(seen, choice, ["a.csv"], [Limit("time_constant", 20.0, "as the test says")])
+    (tmp_path / "valve.yaml").write_text(text)
+    aging = load_config(tmp_path / "valve.yaml")[0].aging
+    assert [t.value for t in wanted_limits(aging, "time_constant")] == [-20.0, 20.0]
+    assert not wanted_limits(aging, "dead_band")
 
 
 def test_too_few_cycles_are_not_estimated():

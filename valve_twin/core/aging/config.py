@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -106,6 +106,18 @@ class Threshold:
         0.0,
         1.0,
     )
+    either_way: bool = setting(
+        default=False,
+        text="Whether a change the other way is one, too: limits at minus and plus `value`; "
+        "for relative limits only.",
+    )
+
+    def sides(self) -> tuple[Threshold, ...]:
+        """Return the limit, or the lower and the upper one where it stands either way."""
+        if not self.either_way:
+            return (self,)
+        size = abs(self.value)
+        return tuple(replace(self, value=v, either_way=False) for v in (-size, size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,6 +298,13 @@ class AgingConfig:
         for text in self.binned:
             parse_bin(text)
         parse_stop(self.next_stop)
+        for limit in self.thresholds:
+            if limit.either_way and not limit.relative:
+                msg = (
+                    f"the limit of {limit.parameter} is absolute and either_way; a limit has "
+                    "two sides only where it is a change: write relative: true"
+                )
+                raise ValueError(msg)
         for record in self.commissioning:
             if not (np.isfinite(record.value) and record.standard_error >= 0.0):
                 msg = (

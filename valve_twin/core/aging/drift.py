@@ -385,7 +385,7 @@ def _passed(limit: Limit) -> Limit:
 
 def wanted_limits(config: AgingConfig, parameter: str) -> list[Threshold]:
     """Return the limits of a parameter; those of `default_percent` where it has none."""
-    own = [t for t in config.thresholds if t.parameter == parameter]
+    own = [side for t in config.thresholds if t.parameter == parameter for side in t.sides()]
     if own or not config.default_percent > 0.0:
         return own
     return [Threshold(parameter, sign * config.default_percent) for sign in (-1.0, 1.0)]

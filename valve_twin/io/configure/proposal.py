@@ -206,6 +206,7 @@ def _limits(limits: Sequence[Limit]) -> list[str]:
         lines += [
             f"        {limit.parameter}:",
             f"          value: {limit.percent:.1f}   # {limit.reason}",
+            "          either_way: true   # up or down; false: a rise alone, below 0 a fall",
         ]
     return lines
 
@@ -219,7 +220,7 @@ def limit_line(limits: Sequence[Limit]) -> str:
         As `justified_limits` gives them.
     """
     told = ", ".join(
-        f"{x.parameter} {x.percent:.0f} %" for x in limits if math.isfinite(x.percent)
+        f"{x.parameter} +-{x.percent:.0f} %" for x in limits if math.isfinite(x.percent)
     )
     missing = [x for x in limits if not math.isfinite(x.percent)]
     why = f"; {missing[0].parameter}: {missing[0].reason}" if missing else ""
