@@ -188,6 +188,7 @@ def test_commissioning_record_is_the_reference_until_it_is_replaced(history, sca
     assert renewed.reference_source == "first_cycles"
 
 
+@pytest.mark.no_cover
 def test_drift_interval_covers_the_truth(history, scatter):
     true = 100.0 * (0.85 / (1.0 - 0.15 * 4.5 / 104) - 1.0)
     hits = 0

@@ -40,6 +40,7 @@ def told(history, scatter):
     return found
 
 
+@pytest.mark.no_cover
 def test_every_word_and_every_outlook_occurs(told):
     """Else the properties below would hold of nothing."""
     kinds = [verdict.kind for _, _, verdict in told]

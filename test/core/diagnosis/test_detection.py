@@ -61,6 +61,7 @@ def test_a_sensor_that_wanders_by_as_much_before_raises_no_alarm_and_its_fault_d
     assert (found.part, found.onset) == ("sensor", 35)
 
 
+@pytest.mark.no_cover
 def test_medium_faults_are_found_at_their_second_cycle_and_named(table):
     told = isolability(table)
     named = 0

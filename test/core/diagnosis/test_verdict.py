@@ -49,6 +49,7 @@ def assess_fault(healthy, kind, severity, cycles=4, **options):
     )
 
 
+@pytest.mark.no_cover
 def test_a_healthy_valve_is_ok(healthy):
     said = assess(healthy[1], (), AgingConfig(), parameters=MODEL.parameters)
     assert said.verdict.kind is VerdictKind.OK
@@ -76,6 +77,7 @@ def test_with_a_record_of_every_parameter_a_healthy_valve_is_ok_as_when_new(heal
     assert "no claim" not in said.verdict.evidence
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize(("kind", "severity"), [("coil_resistance", 0.1), ("leak", 3e-4)])
 def test_a_record_of_the_parameters_is_none_of_the_features(kind, severity):
     """A fault since cycle 8 is not "ok" while nothing can show it."""

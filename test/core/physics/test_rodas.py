@@ -37,6 +37,7 @@ def swing(steps):
     return y
 
 
+@pytest.mark.no_cover
 def test_is_of_order_4():
     exact = swing(1000)
     errors = [np.abs(swing(n) - exact).max() for n in (20, 40, 80)]

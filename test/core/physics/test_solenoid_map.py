@@ -100,6 +100,7 @@ def solved(m, flux, x):
     return ia, ib
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("phase", [0.0, 0.7, 1.9, 3.3])
 def test_a_closed_loop_gains_no_energy(phase):
     """Both coils and the position move: the curves come from one energy within 0.1 %."""

@@ -17,6 +17,7 @@ def line_fit(seed):
     return fit_curves(lambda x, p: p[0] + p[1] * x, [curve], parameters)
 
 
+@pytest.mark.no_cover
 def test_propagated_intervals_hold_the_truth_as_often_as_they_say():
     """Level at x = 1: 5, correlated parameters; 95 % of 400 draws, two standard errors 2.2."""
     hits = 0

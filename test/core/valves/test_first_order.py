@@ -27,6 +27,7 @@ def test_its_step_is_the_closed_solution():
     assert x[0] == pytest.approx(0.7 - 0.5 * np.exp(-0.5), rel=1e-12)
 
 
+@pytest.mark.no_cover
 def test_its_aging_is_found_and_reported_from_a_simulated_bag(root, tmp_path, capsys):
     bag, page = tmp_path / "bag", tmp_path / "page.html"
     config = ["--config", str(root / "config" / "first_order.yaml")]

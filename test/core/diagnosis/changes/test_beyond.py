@@ -144,6 +144,7 @@ def wandering(table, seed, share=0.9, rows=100):
     return noise[60:]
 
 
+@pytest.mark.no_cover
 def test_a_sound_valve_whose_cycles_are_like_the_last_raises_few_alarms(table):
     """24 of 24 had one, 14 by cycles beyond all before; now 9 and 1."""
     cycles = np.arange(1, 101)

@@ -137,6 +137,7 @@ def test_a_shipped_valve_that_ages_has_no_sudden_fault(root, name, cycles, seeds
     assert len(alarms) <= most, alarms
 
 
+@pytest.mark.no_cover
 def test_a_campaign_looks_with_the_signatures_of_the_twin_of_each_valve():
     rig = model_rig("first_order")
     valve = rig.start(73001)

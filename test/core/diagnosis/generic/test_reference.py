@@ -78,6 +78,7 @@ def test_a_restart_from_the_history_goes_on_with_the_same_reference(faulty):
     assert reference_of(MODEL, again.estimates) == reference_of(MODEL, memory.estimates)
 
 
+@pytest.mark.no_cover
 def test_the_verdict_names_the_fault(faulty):
     found = assess(faulty[0], (), AgingConfig(), parameters=MODEL.parameters)
     assert found.verdict.text == "sensor"
@@ -88,6 +89,7 @@ def test_the_verdict_names_the_fault(faulty):
     assert present.severity == pytest.approx(0.004 / 0.69, rel=0.1)
 
 
+@pytest.mark.no_cover
 def test_a_healthy_valve_is_no_reference_first_and_then_in_order():
     history, _ = run()
     verdict = assess(history, (), AgingConfig(), parameters=MODEL.parameters).verdict
@@ -106,6 +108,7 @@ def as_before(estimate):
     return replace(estimate, parameters=tuple(kept))
 
 
+@pytest.mark.no_cover
 def test_features_stored_before_the_noise_was_that_of_rest_raise_no_alarm():
     before = [as_before(e) if e.cycle <= 25 and e.estimator == ESTIMATOR else e for e in run()[0]]
     found = assess(before, (), AgingConfig(), parameters=MODEL.parameters)

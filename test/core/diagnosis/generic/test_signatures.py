@@ -41,6 +41,7 @@ def test_shipped_signatures_fit_the_features_and_hold_every_fault(name):
     assert np.isfinite(table.changes()).all()
 
 
+@pytest.mark.no_cover
 def test_a_valve_without_a_simulation_has_them_from_a_made_up_motion():
     model = SimpleNamespace(
         name="nowhere", feature_set=FEATURE_SET, signatures=lambda: None, simulation=lambda: None

@@ -88,6 +88,7 @@ def test_a_fault_that_passes_is_over():
     assert 21 <= found.end <= 26
 
 
+@pytest.mark.no_cover
 def test_sound_valves_are_like_their_sisters_and_raise_no_alarm():
     rng = np.random.default_rng(73503)
     found = [held(stored(rng, 3), valve(rng, JUDGED)) for _ in range(150)]
@@ -117,6 +118,7 @@ def test_eight_sisters_tell_a_large_fault_of_the_first_cycle(fault):
         assert fault in (found.fault, *found.rivals)
 
 
+@pytest.mark.no_cover
 def test_sound_valves_are_not_called_faulty_from_their_first_cycle_on():
     """One in 100 000 in each direction in which a fault shows, whatever few valves tell."""
     told = 0

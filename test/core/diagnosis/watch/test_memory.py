@@ -112,6 +112,7 @@ def test_it_changes_no_bit(model, seed):
         assert repr(with_memory) == repr(without)
 
 
+@pytest.mark.no_cover
 def test_the_drawn_histories_hold_faults_that_last_and_that_are_over():
     ends = [
         finding.end >= 0

@@ -36,6 +36,7 @@ def test_products_are_those_of_the_blas():
     assert rows_times(rows[:0], matrix).shape == (0, 24)
 
 
+@pytest.mark.no_cover
 def test_what_a_verdict_multiplies_takes_no_other_thread():
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}
     answer = subprocess.run(

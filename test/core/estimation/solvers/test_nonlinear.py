@@ -172,6 +172,7 @@ def test_shared_and_local_parameters_are_kept_apart():
     np.testing.assert_allclose(heights, [1.0, 2.0, 5.0], rtol=1e-10)
 
 
+@pytest.mark.no_cover
 def test_the_standard_error_is_the_scatter_over_many_records():
     fits = [fit_curves(decay, decays(seed, 0.01), SHARED_AND_LOCAL) for seed in range(120)]
     rates = np.array([f.value("rate") for f in fits])

@@ -62,6 +62,7 @@ def test_a_branch_follows_the_voltage_with_its_time():
     assert slow == pytest.approx(0.35 * (1.0 - np.exp(-0.05)), rel=2e-3)
 
 
+@pytest.mark.no_cover
 def test_the_force_is_that_of_the_currents_that_magnetise():
     found = open_loop(np.full(30, 0.4))
     assert not found[:, at.FAILED].any()
@@ -138,6 +139,7 @@ def test_a_record_holds_the_currents_that_magnetise_also_of_a_warm_coil():
     assert np.abs(apart["with"]).max() > 0.2
 
 
+@pytest.mark.no_cover
 def test_the_free_run_of_a_twin_that_knows_them_follows_the_valve():
     for options, least, most in (
         (options_for(STIFF), 97.0, 100.0),
@@ -149,6 +151,7 @@ def test_the_free_run_of_a_twin_that_knows_them_follows_the_valve():
         assert least < done.fit_test < most
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("seed", [821, 822, 823])
 def test_a_twin_that_knows_them_withholds_nothing_of_a_valve_that_has_aged(seed):
     rng = np.random.default_rng(seed)
@@ -163,6 +166,7 @@ def test_a_twin_that_knows_them_withholds_nothing_of_a_valve_that_has_aged(seed)
     assert blind.status is EstimateStatus.PARTIAL
 
 
+@pytest.mark.no_cover
 def test_a_tolerance_of_the_branches_widens_what_the_motion_tells():
     (cycle,) = cycles_of(STIFF, 1, 7)
     none = {f"tolerances.eddies.{n}": 0.0 for n in ("gain_1", "time_1", "gain_2", "time_2")}

@@ -153,6 +153,7 @@ def test_its_aging_is_found_and_reported_from_a_simulated_bag(root, tmp_path, ca
     assert re.search("response_rising", page.read_text(encoding="utf-8"))
 
 
+@pytest.mark.no_cover
 def test_a_live_twin_does_not_load_what_only_the_choice_of_blocks_uses():
     """`scipy.signal` with all that it loads takes 60 MB."""
     code = (

@@ -129,6 +129,7 @@ def test_ring_down_of_the_thesis():
     assert found.damping == pytest.approx(2.0 * found.printed_damping, rel=1e-12)
 
 
+@pytest.mark.no_cover
 def test_ring_down_scatters_as_its_standard_error_says():
     fits = [ring_down(sigma=0.02, seed=s) for s in range(200)]
     decay = np.array([f.fit.value("decay") for f in fits])

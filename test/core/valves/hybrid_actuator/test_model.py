@@ -281,6 +281,7 @@ def test_a_known_gas_force_is_taken_into_account():
     assert estimate.value("magnet_force") == pytest.approx(128.0, rel=0.05)
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("noise", [0.0, 1.1e-3])
 def test_the_check_of_the_flights_knows_the_noise(noise):
     cycles = [make_cycles({"measurement.noise": noise}, seed=s)[0] for s in range(10)]

@@ -192,6 +192,7 @@ def test_a_stop_that_may_stand_elsewhere_limits_what_the_positioner_tells():
     assert widths[0] > widths[1]
 
 
+@pytest.mark.no_cover
 def test_a_stop_that_stands_lower_than_said_is_inside_its_tolerance():
     """Nothing reaches the stop of the options, but the valve's own, which stands lower."""
     found = told_of_a_stop(0.94, upper_stop=0.96, **{"tolerances.upper_stop": 0.03})

@@ -113,6 +113,7 @@ def test_second_order_is_recovered():
     assert found.value("damping") == pytest.approx(5.0, rel=0.02)
 
 
+@pytest.mark.no_cover
 def test_second_order_is_recovered_from_noise():
     """Twelve seeds: bias within three standard errors of the mean and the 1 % of the sub-steps."""
     plant = replace(FAST, velocity_lag=0.2)

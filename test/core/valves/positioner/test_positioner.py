@@ -156,6 +156,7 @@ def test_recovers_a_known_valve_without_noise():
         assert found.value(name) == pytest.approx(value, rel=1e-6)
 
 
+@pytest.mark.no_cover
 def test_recovers_a_known_valve_within_its_noise():
     errors = []
     for seed in range(12):
@@ -215,6 +216,7 @@ def test_a_limit_that_is_never_reached_is_refused_by_name():
     assert "slew_rising" in found.reason
 
 
+@pytest.mark.no_cover
 @given(st.integers(0, 10_000))
 @settings(max_examples=6)
 def test_estimates_of_any_motion_keep_their_bounds(seed):

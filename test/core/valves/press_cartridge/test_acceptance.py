@@ -100,6 +100,7 @@ def generated():
     return truth, history
 
 
+@pytest.mark.no_cover
 def test_inflow_gain_is_unbiased_under_process_noise_and_leak(generated):
     truth, history = generated
     mean = np.mean([e.value("K_in") for e in history[:40]])

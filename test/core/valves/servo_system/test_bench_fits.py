@@ -19,6 +19,7 @@ def record():
     return current[::every], position[::every]
 
 
+@pytest.mark.no_cover
 def test_only_whole_loops_count(record):
     assert len(split_loops(*record)) == 3
 

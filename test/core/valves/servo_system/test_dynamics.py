@@ -125,6 +125,7 @@ def test_motion_and_pressures_decay_without_a_supply():
     assert kinetic[150:].max() < 1e-2 * kinetic[:5].max()
 
 
+@pytest.mark.no_cover
 def test_agrees_with_radau_to_1e_9():
     """10 mm wanted, 30 ms: current limit, valve stop, acceleration, line oscillation."""
     y, memory, p = at_rest()

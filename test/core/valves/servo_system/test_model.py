@@ -76,6 +76,7 @@ def test_a_production_cycle_tells_every_parameter_within_its_interval(estimate):
         assert value.lower_95 < value.value < value.upper_95
 
 
+@pytest.mark.no_cover
 def test_the_stated_accuracies_are_reached(estimate):
     truth = ServoSystemPlant()
     shares = {

@@ -33,6 +33,7 @@ def test_a_drift_is_found(name):
     assert of.found == pytest.approx(of.truth, abs=0.5)
 
 
+@pytest.mark.no_cover
 def test_more_lost_steps_are_counted():
     of = lost_steps(range(1))
     assert of.found[0] == pytest.approx(of.truth, abs=2.0)  # 11 to 13 whole steps a cycle

@@ -63,6 +63,7 @@ def run(estimate, cycle, cuts=()):
     return predicted, simulated, validity
 
 
+@pytest.mark.no_cover
 def test_backlash_and_dead_band_are_recovered():
     found = [healthy(seed) for seed in range(SEEDS)]
     backlash = STROKE_MM * np.array([e.value("backlash") for e in found])

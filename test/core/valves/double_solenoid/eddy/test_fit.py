@@ -73,6 +73,7 @@ def test_nothing_is_fitted_without_tolerance_or_whole_samples():
     assert fitted(STIFF, STIFF, bad=range(0, 3600, 400)) is None
 
 
+@pytest.mark.no_cover
 def test_a_valve_whose_eddy_currents_differ_by_their_tolerance_is_followed():
     there = changed(STIFF)
     first, second = cycles_of(there, 2, 5)

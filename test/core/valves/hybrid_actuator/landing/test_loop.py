@@ -41,6 +41,7 @@ def stroke(plant, state, target, samples=400):
     return found
 
 
+@pytest.mark.no_cover
 def test_opener_and_closer_land_softly_on_the_whole_grid():
     for friction, supply, gas in product((0.9, 1.1), repeat=3):
         plant = replace(
