@@ -32,11 +32,12 @@ _TABLE = {
     "number": "- 1 1 1 raw 1 counts 1 count 1 digits 1 inc 1",
 }
 _ROLES = {
-    "command": r"cv|co|mv|cmd|command|soll\w*|set|setpoint|set_point|sp|demand|duty|stell\w*|ref|"
-    r"reference|u|input|opening|request|out_?put_signal|drive|target|"
+    "command": r"cv|co|mv|cmd|command|soll\w*|set|setpoint|set_point|sp|demand|duty|ref|"
+    r"stell(?!ung|weg)\w*|stellung\w*soll\w*|reference|u|input|opening|request|out_?put_signal|drive|target|"
     + "|".join(get_model(DEFAULT_MODEL).inputs),
     "position": r"pos|position|travel|stroke|hub|weg|lvdt|spool|stem|rod|x|ist\w*|lift|y|"
-    r"valve_pos|opening_fb|feedback|fb|rueck\w*|rück\w*|zt|stellung",
+    r"valve_pos|opening_fb|feedback|fb|rueck\w*|rück\w*|zt|stellweg|"
+    r"(?:ventil|klappen|schieber|kolben|spindel)?(?:stellung(?!\w*soll)\w*|hub|weg|position)",
     PRESSURE: r"p\d?|press|pressure|druck|pt\d*",
     FLOW: r"q|flow|durchfluss|volumenstrom|fs\d|ft\d*|f",
     "current": r"i|current|strom|amp",
@@ -109,17 +110,24 @@ def split_name(name: str) -> tuple[str, str]:
     return text, ""
 
 
+def _said(words: list[str]) -> list[str]:
+    return [role for role, word in _WORD.items() if any(word.fullmatch(w) for w in words)]
+
+
 def roles_of(name: str, unit: str) -> tuple[str, ...]:
     """Return what a channel may be, the most likely first: its words, then its unit.
+
+    A word says more than a symbol: the Y of "Stellwert Y" is no position.
 
     Parameters
     ----------
     name, unit : str
         As `split_name` gives them.
     """
+    name = name.replace("ß", "ss")
     words = [w for w in re.split(r"[^A-Za-zÀ-ÿ0-9]+|(?<=[a-z])(?=[A-Z])", name) if w]
     words += [re.sub(r"^\d+|\d+$", "", w) for w in words] + [name]
-    found = [role for role, word in _WORD.items() if any(word.fullmatch(w) for w in words)]
+    found = _said([w for w in words if len(w) > 1]) or _said(words)
     known = known_unit(unit)
     if known is None:
         return tuple(found)
