@@ -31,6 +31,54 @@ def factorise(h: FloatArray, lower: FloatArray) -> float:
     return least
 
 
+@njit(cache=True, inline="always")
+def eliminate(
+    gram: FloatArray,
+    chosen: IntArray,
+    column: int,
+    cost: float,
+    least: float,
+    factor: FloatArray,
+    x: FloatArray,
+) -> float:
+    """Take what some columns explain out of another's squares; return what is left.
+
+    Infinite where the columns are dependent.
+
+    Parameters
+    ----------
+    gram : (P, P) array
+        Normal equations [1].
+    chosen : (F,) int64 array
+        The columns that explain.
+    column : int
+        The one that is explained.
+    cost : float
+        Its squares [1].
+    least : float
+        Relative pivot below which columns count as dependent [1].
+    factor, x : (F, F), (F,) arrays
+        Overwritten with the Cholesky factor and what it makes of the column [1].
+    """
+    for i in range(len(chosen)):
+        total = gram[chosen[i], column]
+        pivot = gram[chosen[i], chosen[i]]
+        whole = pivot
+        for j in range(i):
+            t = gram[chosen[i], chosen[j]]
+            for k in range(j):
+                t -= factor[i, k] * factor[j, k]
+            factor[i, j] = t / factor[j, j]
+            total -= factor[i, j] * x[j]
+            pivot -= factor[i, j] * factor[i, j]
+        if pivot <= least * whole:
+            return np.inf
+        factor[i, i] = np.sqrt(pivot)
+        x[i] = total / factor[i, i]
+        cost -= x[i] * x[i]
+    return cost
+
+
 @njit(cache=True, error_model="numpy")
 def solve_lower(lower: FloatArray, x: FloatArray, n: int) -> None:
     """Overwrite x by lower^-1 x, leading n rows.

@@ -23,6 +23,7 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_LINEAR,
     POLE_MAX,
     Stretch,
+    advance,
     solve_positive,
 )
 from valve_twin.core.valves.press_cartridge.estimation.solvers.line_search import (
@@ -117,7 +118,6 @@ def whiten(
     speed, level = np.zeros(N_COLUMNS), np.zeros(N_COLUMNS)
     place, drift, innovation = np.zeros(N_COLUMNS), np.zeros(N_COLUMNS), np.zeros(N_COLUMNS)
     drive = np.zeros(N_LINEAR)
-    share = 1.0 - pole
     known = False
     p11 = p12 = p22 = 0.0
     log_determinant = 0.0
@@ -131,20 +131,7 @@ def whiten(
             drift[:] = 0.0
             p12 = p22 = 0.0
         if free[n]:
-            a, b = v_in[n], v_out[n]
-            drive[0] = a
-            drive[1] = a * (2.0 * v_max - a)
-            drive[2] = -b
-            drive[3] = -b * (2.0 * v_max - b)
-            drive[4] = -1.0
-            pull = 0.0
-            for k in range(N_LINEAR):
-                pull += p[k] * (speed[k] - drive[k])
-            for k in range(N_LINEAR):
-                speed[k] = pole * speed[k] + share * drive[k]
-                level[k] += speed[k]
-            speed[N_LINEAR] = pole * speed[N_LINEAR] + pull
-            level[N_LINEAR] += speed[N_LINEAR]
+            advance((v_in[n], v_out[n]), v_max, pole, p, drive, speed, level)
             for k in range(N_COLUMNS):
                 drift[k] *= pole
                 place[k] += drift[k]

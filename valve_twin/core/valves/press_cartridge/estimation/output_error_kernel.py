@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from valve_twin.core.estimation.solvers.small_dense import eliminate
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
@@ -113,6 +114,47 @@ def pack_rows(data: Stretch) -> Rows:
     return Rows(y[:count], flags[:count], anchor[:count], v_in[:count], v_out[:count])
 
 
+@njit(cache=True, inline="always")
+def advance(
+    commands: tuple[float, float],
+    v_max: float,
+    pole: float,
+    p: FloatArray,
+    drive: FloatArray,
+    speed: FloatArray,
+    level: FloatArray,
+) -> None:
+    """Move the responses to the parameters, and their sensitivity to the pole, by one sample.
+
+    Parameters
+    ----------
+    commands : (float, float)
+        Inflow and outflow at the sample [1].
+    v_max, pole : float
+        Greatest command [1], pole [1].
+    p : (5,) array
+        Parameters at which the sensitivity is taken [1].
+    drive : (5,) array
+        Overwritten [1].
+    speed, level : (7,) arrays
+        Of the responses, written in place [1].
+    """
+    a, b = commands
+    drive[0] = a
+    drive[1] = a * (2.0 * v_max - a)
+    drive[2] = -b
+    drive[3] = -b * (2.0 * v_max - b)
+    drive[4] = -1.0
+    pull = 0.0
+    for k in range(N_LINEAR):
+        pull += p[k] * (speed[k] - drive[k])
+    for k in range(N_LINEAR):
+        speed[k] = pole * speed[k] + (1.0 - pole) * drive[k]
+        level[k] += speed[k]
+    speed[N_LINEAR] = pole * speed[N_LINEAR] + pull
+    level[N_LINEAR] += speed[N_LINEAR]
+
+
 @njit(cache=True)
 def accumulate(
     data: Stretch,
@@ -147,7 +189,6 @@ def accumulate(
     known = np.zeros(N_COLUMNS)
     innovation = np.zeros(N_COLUMNS)
     drive = np.zeros(N_LINEAR)
-    share = 1.0 - pole
     variance = -1.0  # of the level, in units of the noise; negative = unknown
     log_determinant = 0.0
     rows = 0
@@ -157,20 +198,7 @@ def accumulate(
             known_still = variance >= 0.0 and anchor[n] < np.inf
             variance = variance + anchor[n] if known_still else -1.0
         if free[n]:
-            a, b = v_in[n], v_out[n]
-            drive[0] = a
-            drive[1] = a * (2.0 * v_max - a)
-            drive[2] = -b
-            drive[3] = -b * (2.0 * v_max - b)
-            drive[4] = -1.0
-            pull = 0.0
-            for k in range(N_LINEAR):
-                pull += p[k] * (speed[k] - drive[k])
-            for k in range(N_LINEAR):
-                speed[k] = pole * speed[k] + share * drive[k]
-                level[k] += speed[k]
-            speed[N_LINEAR] = pole * speed[N_LINEAR] + pull
-            level[N_LINEAR] += speed[N_LINEAR]
+            advance((v_in[n], v_out[n]), v_max, pole, p, drive, speed, level)
             if moving[n]:
                 variance += wander if variance >= 0.0 else 0.0
         else:
@@ -205,32 +233,18 @@ def _solve_subset(
 ) -> float:
     """Write the unconstrained minimiser over the first m chosen columns; return its cost."""
     last = N_COLUMNS - 1
-    cost = gram[last, last]
-    for i in range(m):
-        total = gram[chosen[i], last]
-        pivot = gram[chosen[i], chosen[i]]
-        whole = pivot
-        for j in range(i):
-            t = gram[chosen[i], chosen[j]]
-            for k in range(j):
-                t -= factor[i, k] * factor[j, k]
-            factor[i, j] = t / factor[j, j]
-            total -= factor[i, j] * x[j]
-            pivot -= factor[i, j] * factor[i, j]
-        if pivot <= _SINGULAR * whole:
-            return np.inf
-        factor[i, i] = np.sqrt(pivot)
-        x[i] = total / factor[i, i]
-        cost -= x[i] * x[i]
+    cost = eliminate(gram, chosen[:m], last, gram[last, last], _SINGULAR, factor, x)
+    if cost == np.inf:
+        return cost
     for i in range(m - 1, -1, -1):
         for k in range(i + 1, m):
             x[i] -= factor[k, i] * x[k]
         x[i] /= factor[i, i]
-    return float(cost)
+    return cost
 
 
 @njit(cache=True)
-def _list_subset(subset: int, chosen: IntArray) -> int:
+def list_subset(subset: int, chosen: IntArray) -> int:
     """Write the columns of a set of bits; return how many."""
     m = 0
     for k in range(N_LINEAR):
@@ -293,7 +307,7 @@ def solve_positive(gram: FloatArray, columns: BoolArray, p: FloatArray) -> float
         allowed += (1 << k) * columns[k]
     subset = allowed
     for _ in range(_CHANGES):
-        m = _list_subset(subset, chosen)
+        m = list_subset(subset, chosen)
         cost = _solve_subset(gram, chosen, m, factor, x)
         if cost == np.inf:
             break
@@ -305,7 +319,7 @@ def solve_positive(gram: FloatArray, columns: BoolArray, p: FloatArray) -> float
     for subset in range(1, 1 << N_LINEAR):
         if subset & ~allowed:
             continue
-        m = _list_subset(subset, chosen)
+        m = list_subset(subset, chosen)
         cost = _solve_subset(gram, chosen, m, factor, x)
         if cost < best and x[:m].min() >= 0.0:
             best = cost

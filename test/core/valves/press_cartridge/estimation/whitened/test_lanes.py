@@ -13,12 +13,12 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     pack_rows,
     sample_flags,
 )
+from valve_twin.core.valves.press_cartridge.estimation.solvers.lanes import LANES
 from valve_twin.core.valves.press_cartridge.estimation.whitened.lanes import (
     AT,
     BY_POLE,
     BY_POLE_TOTAL,
     GRAM,
-    LANES,
     LOG_TOTAL,
     POLE,
     RATIO,

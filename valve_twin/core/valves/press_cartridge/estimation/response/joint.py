@@ -24,11 +24,11 @@ from valve_twin.core.valves.press_cartridge.estimation.response.lanes import (
     AT,
     DELAY,
     GRAM,
-    LANES,
     POLE,
     SIZE,
     run_lanes,
 )
+from valve_twin.core.valves.press_cartridge.estimation.solvers.lanes import LANES
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:

@@ -14,13 +14,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.valves.press_cartridge.estimation.solvers.lanes import (
+    LANES,
+    add_squares,
+    follow,
+    weigh,
+)
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import ByteArray, FloatArray
-
-LANES = 8
-"""Runs beside each other."""
 
 # first element of each block of `LANES` in the work array
 _SPEED, _GAP = 0, 64  # five parameters, pole, delay; speed of the model behind them
@@ -90,28 +93,14 @@ def run_lanes(  # noqa: PLR0912, PLR0915  a loop is a vector only where all stan
             for i in range(LANES):
                 z = w[POLE + i]
                 share = 1.0 - z
-                speed = z * w[_SPEED + i]
-                w[_SPEED + i] = speed
-                w[_GAP + i] += speed
-                speed = z * w[_SPEED + 8 + i]
-                w[_SPEED + 8 + i] = speed
-                w[_GAP + 8 + i] += speed
-                speed = z * w[_SPEED + 16 + i]
-                w[_SPEED + 16 + i] = speed
-                w[_GAP + 16 + i] += speed
-                speed = z * w[_SPEED + 24 + i]
-                w[_SPEED + 24 + i] = speed
-                w[_GAP + 24 + i] += speed
-                speed = z * w[_SPEED + 32 + i] - share
-                w[_SPEED + 32 + i] = speed
-                w[_GAP + 32 + i] += speed
+                follow(w, _SPEED + i, _GAP + i, z, -0.0)
+                follow(w, _SPEED + 8 + i, _GAP + 8 + i, z, -0.0)
+                follow(w, _SPEED + 16 + i, _GAP + 16 + i, z, -0.0)
+                follow(w, _SPEED + 24 + i, _GAP + 24 + i, z, -0.0)
+                follow(w, _SPEED + 32 + i, _GAP + 32 + i, z, -share)
                 pull = w[_SPEED + 56 + i] + w[AT + 32 + i]
-                speed = z * w[_SPEED + 40 + i] + pull
-                w[_SPEED + 40 + i] = speed
-                w[_GAP + 40 + i] += speed
-                speed = z * w[_SPEED + 48 + i]
-                w[_SPEED + 48 + i] = speed
-                w[_GAP + 48 + i] += speed
+                follow(w, _SPEED + 40 + i, _GAP + 40 + i, z, pull)
+                follow(w, _SPEED + 48 + i, _GAP + 48 + i, z, -0.0)
                 w[_SPEED + 56 + i] = z * w[_SPEED + 56 + i] - share * w[AT + 32 + i]
         elif flag & _FREE:
             still = False
@@ -130,40 +119,15 @@ def run_lanes(  # noqa: PLR0912, PLR0915  a loop is a vector only where all stan
                 b, d = a * (2.0 * v_max - a), c * (2.0 * v_max + c)
                 by_a, by_c = w[_BY_IN + i], -w[_BY_OUT + i]
                 by_b, by_d = by_a * (2.0 * v_max - 2.0 * a), by_c * (2.0 * v_max + 2.0 * c)
-                drive = (
-                    w[AT + i] * a
-                    + w[AT + 8 + i] * b
-                    + w[AT + 16 + i] * c
-                    + w[AT + 24 + i] * d
-                    - w[AT + 32 + i]
-                )
-                by_drive = (
-                    w[AT + i] * by_a
-                    + w[AT + 8 + i] * by_b
-                    + w[AT + 16 + i] * by_c
-                    + w[AT + 24 + i] * by_d
-                )
-                speed = z * w[_SPEED + i] + share * a
-                w[_SPEED + i] = speed
-                w[_GAP + i] += speed
-                speed = z * w[_SPEED + 8 + i] + share * b
-                w[_SPEED + 8 + i] = speed
-                w[_GAP + 8 + i] += speed
-                speed = z * w[_SPEED + 16 + i] + share * c
-                w[_SPEED + 16 + i] = speed
-                w[_GAP + 16 + i] += speed
-                speed = z * w[_SPEED + 24 + i] + share * d
-                w[_SPEED + 24 + i] = speed
-                w[_GAP + 24 + i] += speed
-                speed = z * w[_SPEED + 32 + i] - share
-                w[_SPEED + 32 + i] = speed
-                w[_GAP + 32 + i] += speed
-                speed = z * w[_SPEED + 40 + i] + (w[_SPEED + 56 + i] - drive)
-                w[_SPEED + 40 + i] = speed
-                w[_GAP + 40 + i] += speed
-                speed = z * w[_SPEED + 48 + i] + share * by_drive
-                w[_SPEED + 48 + i] = speed
-                w[_GAP + 48 + i] += speed
+                drive = weigh(w, AT + i, a, b, c, d) - w[AT + 32 + i]
+                by_drive = weigh(w, AT + i, by_a, by_b, by_c, by_d)
+                follow(w, _SPEED + i, _GAP + i, z, share * a)
+                follow(w, _SPEED + 8 + i, _GAP + 8 + i, z, share * b)
+                follow(w, _SPEED + 16 + i, _GAP + 16 + i, z, share * c)
+                follow(w, _SPEED + 24 + i, _GAP + 24 + i, z, share * d)
+                follow(w, _SPEED + 32 + i, _GAP + 32 + i, z, -share)
+                follow(w, _SPEED + 40 + i, _GAP + 40 + i, z, w[_SPEED + 56 + i] - drive)
+                follow(w, _SPEED + 48 + i, _GAP + 48 + i, z, share * by_drive)
                 w[_SPEED + 56 + i] = z * w[_SPEED + 56 + i] + share * drive
             if flag & _MOVING:
                 variance += wander if variance >= 0.0 else 0.0
@@ -207,41 +171,7 @@ def run_lanes(  # noqa: PLR0912, PLR0915  a loop is a vector only where all stan
             w[_GAP + 32 + i] = e4 - gain * e4
             w[_GAP + 40 + i] = e5 - gain * e5
             w[_GAP + 48 + i] = e6 - gain * e6
-            x = weight * e0
-            w[GRAM + i] += x * e0
-            x = weight * e1
-            w[GRAM + 8 + i] += x * e0
-            w[GRAM + 16 + i] += x * e1
-            x = weight * e2
-            w[GRAM + 24 + i] += x * e0
-            w[GRAM + 32 + i] += x * e1
-            w[GRAM + 40 + i] += x * e2
-            x = weight * e3
-            w[GRAM + 48 + i] += x * e0
-            w[GRAM + 56 + i] += x * e1
-            w[GRAM + 64 + i] += x * e2
-            w[GRAM + 72 + i] += x * e3
-            x = weight * e4
-            w[GRAM + 80 + i] += x * e0
-            w[GRAM + 88 + i] += x * e1
-            w[GRAM + 96 + i] += x * e2
-            w[GRAM + 104 + i] += x * e3
-            w[GRAM + 112 + i] += x * e4
-            x = weight * e5
-            w[GRAM + 120 + i] += x * e0
-            w[GRAM + 128 + i] += x * e1
-            w[GRAM + 136 + i] += x * e2
-            w[GRAM + 144 + i] += x * e3
-            w[GRAM + 152 + i] += x * e4
-            w[GRAM + 160 + i] += x * e5
-            x = weight * e6
-            w[GRAM + 168 + i] += x * e0
-            w[GRAM + 176 + i] += x * e1
-            w[GRAM + 184 + i] += x * e2
-            w[GRAM + 192 + i] += x * e3
-            w[GRAM + 200 + i] += x * e4
-            w[GRAM + 208 + i] += x * e5
-            w[GRAM + 216 + i] += x * e6
+            add_squares(w, GRAM + i, weight, e0, e1, e2, e3, e4, e5, e6)
             x = weight * off
             w[GRAM + 224 + i] += x * e0
             w[GRAM + 232 + i] += x * e1

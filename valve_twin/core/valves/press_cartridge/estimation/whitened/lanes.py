@@ -17,13 +17,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.valves.press_cartridge.estimation.solvers.lanes import (
+    LANES,
+    add_squares,
+    follow,
+    weigh,
+)
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import ByteArray, FloatArray
-
-LANES = 8
-"""Filters that run beside each other."""
 
 # first element of each block of `LANES` in the work array: states of the columns
 _SPEED, _TURN, _GAP = 0, 56, 112  # five parameters, the sensitivity to the pole, the residual
@@ -35,7 +38,6 @@ _PRODUCT, LOG_TOTAL, BY_POLE, BY_POLE_TOTAL, SQUARES, SQUARES_TOTAL = 248, 256, 
 GRAM = 296
 """Lower triangle of the (7, 7) normal equations, row by row."""
 
-_SUMS = _PRODUCT
 # what is asked
 POLE, RATIO, AT = 520, 528, 536
 SIZE = 576
@@ -43,6 +45,20 @@ SIZE = 576
 
 _FREE, _USE, _MOVING = 1, 2, 4
 _OFTEN = 8  # samples until a product of variances becomes a logarithm
+
+
+@njit(cache=True, inline="always")
+def _drive(w: FloatArray, at: int, pole: float, push: float) -> None:
+    """Move the response of a column, and what the filter has it turn by."""
+    w[_SPEED + at] = pole * w[_SPEED + at] + push
+    follow(w, _TURN + at, _GAP + at, pole, push)
+
+
+@njit(cache=True, inline="always")
+def _correct(w: FloatArray, at: int, gap: float, gain: float, turn: float) -> None:
+    """Take a column's innovation into the state of its filter."""
+    w[_GAP + at] = gap - gain * gap
+    w[_TURN + at] -= turn * gap
 
 
 @njit(cache=True, error_model="numpy")
@@ -96,44 +112,16 @@ def whiten_lanes(  # noqa: PLR0912, PLR0915  a loop is a vector only where all s
             for i in range(LANES):
                 z = w[POLE + i]
                 share = 1.0 - z
-                drive = (
-                    w[AT + i] * a
-                    + w[AT + 8 + i] * b
-                    + w[AT + 16 + i] * c
-                    + w[AT + 24 + i] * d
-                    - w[AT + 32 + i]
-                )
+                drive = weigh(w, AT + i, a, b, c, d) - w[AT + 32 + i]
                 pull = w[_SPEED + 48 + i] - drive
                 # parameters
-                s = share * a
-                w[_SPEED + i] = z * w[_SPEED + i] + s
-                turn = z * w[_TURN + i] + s
-                w[_TURN + i] = turn
-                w[_GAP + i] += turn
-                s = share * b
-                w[_SPEED + 8 + i] = z * w[_SPEED + 8 + i] + s
-                turn = z * w[_TURN + 8 + i] + s
-                w[_TURN + 8 + i] = turn
-                w[_GAP + 8 + i] += turn
-                s = share * c
-                w[_SPEED + 16 + i] = z * w[_SPEED + 16 + i] + s
-                turn = z * w[_TURN + 16 + i] + s
-                w[_TURN + 16 + i] = turn
-                w[_GAP + 16 + i] += turn
-                s = share * d
-                w[_SPEED + 24 + i] = z * w[_SPEED + 24 + i] + s
-                turn = z * w[_TURN + 24 + i] + s
-                w[_TURN + 24 + i] = turn
-                w[_GAP + 24 + i] += turn
-                w[_SPEED + 32 + i] = z * w[_SPEED + 32 + i] - share
-                turn = z * w[_TURN + 32 + i] - share
-                w[_TURN + 32 + i] = turn
-                w[_GAP + 32 + i] += turn
+                _drive(w, i, z, share * a)
+                _drive(w, 8 + i, z, share * b)
+                _drive(w, 16 + i, z, share * c)
+                _drive(w, 24 + i, z, share * d)
+                _drive(w, 32 + i, z, -share)
                 # the sensitivity to the pole
-                w[_SPEED + 40 + i] = z * w[_SPEED + 40 + i] + pull
-                turn = z * w[_TURN + 40 + i] + pull
-                w[_TURN + 40 + i] = turn
-                w[_GAP + 40 + i] += turn
+                _drive(w, 40 + i, z, pull)
                 # the residual, whose speed counts upwards, and its derivative
                 turn = w[_TURN + 48 + i]
                 slope = z * w[_SLOPE_TURN + i] + turn + drive
@@ -145,9 +133,7 @@ def whiten_lanes(  # noqa: PLR0912, PLR0915  a loop is a vector only where all s
                 w[_TURN + 48 + i] = turn
                 w[_GAP + 48 + i] += turn
                 # the measurement
-                turn = z * w[_DRIFT + i]
-                w[_DRIFT + i] = turn
-                w[_PLACE + i] += turn
+                follow(w, _DRIFT + i, _PLACE + i, z, -0.0)
                 # covariance and its derivative
                 p12, p22, d12, d22 = w[_P12 + i], w[_P22 + i], w[_D12 + i], w[_D22 + i]
                 u, du = z * p12, p12 + z * d12
@@ -195,25 +181,13 @@ def whiten_lanes(  # noqa: PLR0912, PLR0915  a loop is a vector only where all s
             e0, e1, e2 = w[_GAP + i], w[_GAP + 8 + i], w[_GAP + 16 + i]
             e3, e4, e5 = w[_GAP + 24 + i], w[_GAP + 32 + i], w[_GAP + 40 + i]
             e6 = yn - w[_PLACE + i]
-            left = e6 - (
-                w[AT + i] * e0
-                + w[AT + 8 + i] * e1
-                + w[AT + 16 + i] * e2
-                + w[AT + 24 + i] * e3
-                + w[AT + 32 + i] * e4
-            )
-            w[_GAP + i] = e0 - gain * e0
-            w[_TURN + i] -= turn * e0
-            w[_GAP + 8 + i] = e1 - gain * e1
-            w[_TURN + 8 + i] -= turn * e1
-            w[_GAP + 16 + i] = e2 - gain * e2
-            w[_TURN + 16 + i] -= turn * e2
-            w[_GAP + 24 + i] = e3 - gain * e3
-            w[_TURN + 24 + i] -= turn * e3
-            w[_GAP + 32 + i] = e4 - gain * e4
-            w[_TURN + 32 + i] -= turn * e4
-            w[_GAP + 40 + i] = e5 - gain * e5
-            w[_TURN + 40 + i] -= turn * e5
+            left = e6 - (weigh(w, AT + i, e0, e1, e2, e3) + w[AT + 32 + i] * e4)
+            _correct(w, i, e0, gain, turn)
+            _correct(w, 8 + i, e1, gain, turn)
+            _correct(w, 16 + i, e2, gain, turn)
+            _correct(w, 24 + i, e3, gain, turn)
+            _correct(w, 32 + i, e4, gain, turn)
+            _correct(w, 40 + i, e5, gain, turn)
             w[_PLACE + i] += gain * e6
             w[_DRIFT + i] += turn * e6
             slope = w[_SLOPE_GAP + i]
@@ -225,41 +199,7 @@ def whiten_lanes(  # noqa: PLR0912, PLR0915  a loop is a vector only where all s
             w[BY_POLE_TOTAL + i] += by_total
             w[SQUARES + i] += slope * slope * inverse
             w[SQUARES_TOTAL + i] += by_total * by_total
-            x = e0 * inverse
-            w[GRAM + i] += x * e0
-            x = e1 * inverse
-            w[GRAM + 8 + i] += x * e0
-            w[GRAM + 16 + i] += x * e1
-            x = e2 * inverse
-            w[GRAM + 24 + i] += x * e0
-            w[GRAM + 32 + i] += x * e1
-            w[GRAM + 40 + i] += x * e2
-            x = e3 * inverse
-            w[GRAM + 48 + i] += x * e0
-            w[GRAM + 56 + i] += x * e1
-            w[GRAM + 64 + i] += x * e2
-            w[GRAM + 72 + i] += x * e3
-            x = e4 * inverse
-            w[GRAM + 80 + i] += x * e0
-            w[GRAM + 88 + i] += x * e1
-            w[GRAM + 96 + i] += x * e2
-            w[GRAM + 104 + i] += x * e3
-            w[GRAM + 112 + i] += x * e4
-            x = e5 * inverse
-            w[GRAM + 120 + i] += x * e0
-            w[GRAM + 128 + i] += x * e1
-            w[GRAM + 136 + i] += x * e2
-            w[GRAM + 144 + i] += x * e3
-            w[GRAM + 152 + i] += x * e4
-            w[GRAM + 160 + i] += x * e5
-            x = e6 * inverse
-            w[GRAM + 168 + i] += x * e0
-            w[GRAM + 176 + i] += x * e1
-            w[GRAM + 184 + i] += x * e2
-            w[GRAM + 192 + i] += x * e3
-            w[GRAM + 200 + i] += x * e4
-            w[GRAM + 208 + i] += x * e5
-            w[GRAM + 216 + i] += x * e6
+            add_squares(w, GRAM + i, inverse, e0, e1, e2, e3, e4, e5, e6)
         if rows % _OFTEN == 0:
             for i in range(LANES):
                 w[LOG_TOTAL + i] += np.log(w[_PRODUCT + i])

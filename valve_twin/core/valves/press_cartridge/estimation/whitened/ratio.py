@@ -25,7 +25,7 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     Stretch,
     pack_rows,
 )
-from valve_twin.core.valves.press_cartridge.estimation.whitened.lanes import LANES
+from valve_twin.core.valves.press_cartridge.estimation.solvers.lanes import LANES
 from valve_twin.core.valves.press_cartridge.estimation.whitened.moments import truncated_moments
 from valve_twin.core.valves.press_cartridge.estimation.whitened.rounds import (
     Known,

@@ -8,17 +8,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from valve_twin.core.estimation.solvers.small_dense import eliminate
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,
+    list_subset,
     solve_positive,
 )
+from valve_twin.core.valves.press_cartridge.estimation.solvers.lanes import LANES
 from valve_twin.core.valves.press_cartridge.estimation.whitened.lanes import (
     AT,
     BY_POLE,
     BY_POLE_TOTAL,
     GRAM,
-    LANES,
     LOG_TOTAL,
     POLE,
     RATIO,
@@ -138,27 +140,12 @@ def _bend(lanes: Lanes, i: int, rows: int, total: float) -> float:
     taken out. The columns' share in it is that of the sensitivity, with the sign turned.
     """
     gram, work = lanes.gram[i], lanes.work
-    factor = np.zeros((N_LINEAR, N_LINEAR))
-    x = np.zeros(N_LINEAR)
-    left = work[SQUARES + i]
-    for j in range(N_LINEAR):
-        if not (lanes.kept[i] >> j) & 1:
-            continue
-        pivot, share = gram[j, j], gram[j, N_LINEAR]
-        for k in range(j):
-            if not (lanes.kept[i] >> k) & 1:
-                continue
-            t = gram[j, k]
-            for m in range(k):
-                t -= factor[j, m] * factor[k, m]
-            factor[j, k] = t / factor[k, k]
-            pivot -= factor[j, k] * factor[j, k]
-            share -= factor[j, k] * x[k]
-        if not pivot > 0.0:
-            return np.nan
-        factor[j, j] = np.sqrt(pivot)
-        x[j] = share / factor[j, j]
-        left -= x[j] * x[j]
+    factor, x = np.zeros((N_LINEAR, N_LINEAR)), np.zeros(N_LINEAR)
+    chosen = np.zeros(N_LINEAR + 1, dtype=np.int64)
+    m = list_subset(lanes.kept[i], chosen)
+    left = eliminate(gram, chosen[:m], N_LINEAR, work[SQUARES + i], 0.0, factor, x)
+    if not left < np.inf:
+        return np.nan
     own = 2.0 * rows / lanes.cost[i] * max(left, 0.0)
     return float(own + work[SQUARES_TOTAL + i] - total * total / rows)
 
