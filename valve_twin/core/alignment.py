@@ -289,12 +289,13 @@ class Aligner:
         inputs = np.empty((count, self._n_inputs))
         for i, track in enumerate(self._tracks[1 : self._n_inputs + 1]):
             _hold(track, stamps, inputs, i, valid, judge=True)
+        nothing = np.full(count, np.nan)
         return Frames(
             stamp_ns=stamps,
             position=position_values,
             inputs=inputs,
-            counter=self._optional(self._counter, stamps, valid),
-            reference=self._optional(self._reference, stamps, valid),
+            counter=self._optional(self._counter, stamps, valid, nothing),
+            reference=self._optional(self._reference, stamps, valid, nothing),
             valid=valid,
             conditions=self._held_conditions(stamps, valid),
         )
@@ -311,10 +312,12 @@ class Aligner:
             values[~((values >= limits.lower) & (values <= limits.upper))] = np.nan
         return held
 
-    def _optional(self, index: int, stamps: IntArray, valid: BoolArray) -> FloatArray:
-        """Return the column of a signal that may be missing: NaN then."""
+    def _optional(
+        self, index: int, stamps: IntArray, valid: BoolArray, nothing: FloatArray
+    ) -> FloatArray:
+        """Return the column of a signal; that of nothing where there is no such signal."""
         if index < 0:
-            return np.full(len(stamps), np.nan)
+            return nothing
         column = np.empty((len(stamps), 1))
         _hold(self._tracks[index], stamps, column, 0, valid, judge=False)
         return column[:, 0]

@@ -237,29 +237,22 @@ class Segmenter:
                 return [*before, *(self.push(frames[stored:]) if stored < len(frames) else [])]
         late, self._late_ahead = self._late_ahead, ""
         out: list[Part | Cycle] = []
-        judged = 0
+        begin = judged = 0
+        opens = False
         while judged < len(frames):
-            rest = frames[judged:]
-            marks, more = self._mark(rest)
-            out += self._cut(rest[:more], marks, late)
+            marks, more = self._mark(frames, judged)
+            for mark in marks.nonzero()[0].tolist():
+                at = judged + mark
+                if at > begin:
+                    out.append(self._extend(frames[begin:at], opens=opens))
+                opens = bool(marks[mark] == OPEN)
+                out += self._close(Closing.NEXT if opens else Closing.LIMIT)
+                if opens:
+                    self._open(frames, at)
+                    self._late = late
+                begin = at
             judged += more
-        return out
-
-    def _cut(self, frames: Frames, marks: ByteArray, late: str) -> list[Part | Cycle]:
-        if not marks.any():
-            return [self._extend(frames, opens=False)]
-        out: list[Part | Cycle] = []
-        begin, opens = 0, False
-        for at in np.flatnonzero(marks).tolist():
-            if at > begin:
-                out.append(self._extend(frames[begin:at], opens=opens))
-            opens = bool(marks[at] == OPEN)
-            out += self._close(Closing.NEXT if opens else Closing.LIMIT)
-            if opens:
-                self._open(frames, at)
-                self._late = late
-            begin = at
-        out.append(self._extend(frames[begin:], opens=opens))
+        out.append(self._extend(frames[begin:] if begin else frames, opens=opens))
         return out
 
     def close(self, why: Closing) -> list[Cycle]:
@@ -268,15 +261,16 @@ class Segmenter:
         self._flags[RUNNING] = 0
         return cycles
 
-    def _mark(self, frames: Frames) -> tuple[ByteArray, int]:
-        """Return the marks of the frames that were judged, and how many those are."""
-        marks = np.zeros(len(frames), dtype=np.uint8)
-        judged = len(frames)
+    def _mark(self, frames: Frames, begin: int) -> tuple[ByteArray, int]:
+        """Return the marks of the frames from one on that were judged, and how many those are."""
+        stamp_ns = frames.stamp_ns[begin:]
+        marks = np.zeros(len(stamp_ns), dtype=np.uint8)
+        judged = len(stamp_ns)
         config = self._config
         if config.rule is CycleRule.COMMANDS:
             judged = mark_commands(
-                frames.stamp_ns,
-                frames.inputs,
+                stamp_ns,
+                frames.inputs[begin:],
                 self._columns,
                 self._limits_ns,
                 config.threshold,
@@ -288,8 +282,8 @@ class Segmenter:
         elif config.rule is CycleRule.REFERENCE:
             low = config.reference_level - config.reference_hysteresis
             mark_reference(
-                frames.stamp_ns,
-                frames.reference,
+                stamp_ns,
+                frames.reference[begin:],
                 self._limits_ns,
                 low,
                 config.reference_level,
@@ -298,7 +292,7 @@ class Segmenter:
                 marks,
             )
         else:
-            keys, known = self._keys(frames)
+            keys, known = self._keys(frames[begin:])
             mark_changes(keys, known, self._clock, self._flags, marks)
         return marks[:judged], judged
 
@@ -342,7 +336,7 @@ class Segmenter:
         if stored:
             judged = 0
             while judged < stored:
-                judged += self._mark(frames[judged:stored])[1]
+                judged += self._mark(frames[:stored], judged)[1]
             self._flags[RUNNING] = 0
         self._inside = stored == len(frames)
         if not self._inside and self._config.rule is CycleRule.COMMANDS:
@@ -390,9 +384,13 @@ class Segmenter:
         if not self._number:
             return []
         frames = join_frames([*self._parts, *self._loose])
-        lost = count_lost(frames.stamp_ns, self._period_s)
+        steps = extreme_steps(frames.stamp_ns)
+        gaps = steps[1] > gap_ns(self._period_s)
+        lost = count_lost(frames.stamp_ns, self._period_s) if gaps else 0
         problem = (
-            self._too_short(frames, why) or self._off_period(frames.stamp_ns) or self._cut_late()
+            self._too_short(frames, why)
+            or self._off_period(frames.stamp_ns, steps)
+            or self._cut_late()
         )
         cycle = Cycle(
             number=self._number,
@@ -407,10 +405,10 @@ class Segmenter:
         self._parts, self._loose, self._number, self._reproducible = [], [], 0, True
         return [cycle]
 
-    def _off_period(self, stamp_ns: IntArray) -> Refusal | None:
+    def _off_period(self, stamp_ns: IntArray, steps: tuple[int, int]) -> Refusal | None:
         """Say that the sampling time is not the configured one, None if it is."""
         tolerance = PERIOD_TOLERANCE * self._period_s
-        least, most = extreme_steps(stamp_ns)
+        least, most = steps
         if len(stamp_ns) > 1 and (
             max(self._period_s - 1e-9 * least, 1e-9 * most - self._period_s) <= tolerance
         ):

@@ -39,7 +39,7 @@ def find_gaps(stamp_ns: IntArray, period_s: float) -> BoolArray:
         Nominal sampling time [s].
     """
     gap = np.zeros(len(stamp_ns), np.bool_)
-    _mark_gaps(np.ascontiguousarray(stamp_ns), gap_ns(period_s), gap)
+    mark_gaps(np.ascontiguousarray(stamp_ns), gap_ns(period_s), gap)
     return gap
 
 
@@ -52,7 +52,18 @@ def extreme_steps(stamp_ns: IntArray) -> tuple[int, int]:
 
 
 @njit(cache=True)
-def _mark_gaps(stamp_ns: IntArray, limit_ns: float, gap: BoolArray) -> None:
+def mark_gaps(stamp_ns: IntArray, limit_ns: float, gap: BoolArray) -> None:
+    """Set flags where the step to a stamp is too long, or is none forward.
+
+    Parameters
+    ----------
+    stamp_ns : (N,) int64 array
+        Stamps [ns].
+    limit_ns : float
+        Longest step without a gap [ns].
+    gap : (N,) bool array
+        Set but for the first.
+    """
     for i in range(1, len(stamp_ns)):
         step = stamp_ns[i] - stamp_ns[i - 1]
         gap[i] = step > limit_ns or step <= 0
@@ -65,6 +76,24 @@ def _extremes(stamp_ns: IntArray) -> tuple[int, int]:
         step = stamp_ns[i] - stamp_ns[i - 1]
         least, most = min(least, step), max(most, step)
     return least, most
+
+
+@njit(cache=True)
+def delays(log_ns: IntArray, stamp_ns: IntArray) -> tuple[int, int, bool]:
+    """Return the least and the greatest delay of N > 0 samples [ns], and whether stamps rise.
+
+    Parameters
+    ----------
+    log_ns, stamp_ns : (N,) int64 arrays
+        When each was recorded, and its stamp [ns].
+    """
+    least = most = log_ns[0] - stamp_ns[0]
+    rises = True
+    for i in range(1, len(stamp_ns)):
+        delay = log_ns[i] - stamp_ns[i]
+        least, most = min(least, delay), max(most, delay)
+        rises = rises and stamp_ns[i] > stamp_ns[i - 1]
+    return least, most, rises
 
 
 class GapCounter:

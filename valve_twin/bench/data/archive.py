@@ -30,7 +30,7 @@ from valve_twin.io.tables.json_lines import json_lines
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from valve_twin.core.types import FloatArray, IntArray
+    from valve_twin.core.types import Estimate, FloatArray, IntArray
 
 _SAMPLES = 1200  # a cycle of 36 s: 1000 cycles are 10 h, 3.6 M messages
 _SIMULATED = 20  # cycles that are simulated; the others repeat them with noise of their own
@@ -122,18 +122,14 @@ def write_record(path: Path, cycles: int) -> None:
             bag.write_samples([(t, stamps, c) for t, c in zip(_TOPICS, columns, strict=True)])
 
 
-def estimate_by_us(config: ValveConfig, path: Path) -> list[tuple[int, int, FloatArray]]:
-    """Do what `valve-twin estimate` does, to the text; return start, end and theta a cycle."""
+def estimate_by_us(config: ValveConfig, path: Path) -> list[Estimate]:
+    """Do what `valve-twin estimate` does, to the text; return the estimates."""
     record = run_bag(config, path, predict=False)
     lines = list(
         json_lines(record.estimates, assess_record(config, record), config.name, record.counters)
     )
     assert len(lines) > len(record.estimates)
-    found = []
-    for estimate in record.estimates:
-        theta = np.array([estimate.value(name) for name in THETA])
-        found.append((estimate.start_ns, estimate.end_ns, np.nan_to_num(theta)))
-    return found
+    return record.estimates
 
 
 def estimate_by_rosbags(path: Path) -> list[CycleCost]:
@@ -190,18 +186,19 @@ def _regression(inputs: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArr
     return u, x[2:] - 2.0 * x[1:-1] + x[:-2]
 
 
-def _require_equal_cycles(
-    ours: list[tuple[int, int, FloatArray]], theirs: list[CycleCost], path: Path
-) -> None:
+def _require_equal_cycles(ours: list[Estimate], theirs: list[CycleCost], path: Path) -> None:
     """Refuse to compare the times of different cycles or costs."""
-    if [(start, end) for start, end, _ in ours] != [(c.start_ns, c.end_ns) for c in theirs]:
+    if [(e.start_ns, e.end_ns) for e in ours] != [(c.start_ns, c.end_ns) for c in theirs]:
         msg = f"the cycles differ: {len(ours)} against {len(theirs)}"
         raise AssertionError(msg)
     stamps, inputs, position = _read(path)
-    for (start, end, theta), peer in zip(ours, theirs, strict=True):
-        part = slice(int(np.searchsorted(stamps, start)), int(np.searchsorted(stamps, end)) + 1)
+    for estimate, peer in zip(ours, theirs, strict=True):
+        theta = np.nan_to_num(np.array([estimate.value(name) for name in THETA]))
+        start, end = np.searchsorted(stamps, (estimate.start_ns, estimate.end_ns)).tolist()
+        part = slice(start, end + 1)
         u, y = _regression(inputs[part], position[part])
         cost = float(np.sum((y - u @ theta) ** 2))
         if not abs(cost - peer.cost) <= _EQUAL * peer.cost:
-            msg = f"the costs of the cycle at {start} differ: ours {cost!r}, cvxpy {peer.cost!r}"
+            where = f"the cycle at {estimate.start_ns}"
+            msg = f"the costs of {where} differ: ours {cost!r}, cvxpy {peer.cost!r}"
             raise AssertionError(msg)

@@ -11,8 +11,7 @@ lies between two reversals beyond a dead band, here from the measured noise: its
 from __future__ import annotations
 
 import math
-import operator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -20,7 +19,7 @@ import numpy as np
 from valve_twin.core.estimation.cycle.movement import REST_BAND, Moves, find_moves
 from valve_twin.core.estimation.data.masks import contiguous
 from valve_twin.core.gaps import gap_ns
-from valve_twin.core.operation.counting import believed, held_ns, open_times, walk
+from valve_twin.core.operation.counting import believed, open_times, walk
 
 if TYPE_CHECKING:
     from valve_twin.core.types import Cycle, FloatArray, IntArray
@@ -170,17 +169,26 @@ class Counters:
             Of a cycle behind the last one counted.
         """
         closed, stroke = self._ends(duty)
-        return replace(
-            self,
+        moved, held = self._moved(duty.moves, stroke), self._held(duty, closed, stroke)
+        return Counters(
             cycle=duty.cycle,
             since_ns=self.since_ns if self.cycles else duty.start_ns,
             end_ns=duty.end_ns,
             cycles=self.cycles + 1,
+            reversals=moved.reversals,
+            starts=moved.starts,
             length_ns=self.length_ns + duty.end_ns - duty.start_ns,
+            open_ns=held.open_ns,
+            closed_ns=held.closed_ns,
+            near_ns=held.near_ns,
+            done=moved.done,
             closed=closed,
             stroke=stroke,
-            **self._moved(duty.moves, stroke)._asdict(),
-            **self._held(duty, closed, stroke)._asdict(),
+            spans=moved.spans,
+            direction=moved.direction,
+            begin=moved.begin,
+            level=moved.level,
+            rests=moved.rests,
         )
 
     def _ends(self, duty: Duty) -> tuple[float, float]:
@@ -210,13 +218,16 @@ class Counters:
             level = origin = first
         levels = moves.levels[1:] if follows or not self.direction else moves.levels
         edges = _SHARES * stroke
-        spans, found, direction, origin, level = walk(levels, level, self.direction, origin, edges)
+        spans, found = np.empty(len(levels)), np.array(self.spans)
+        count, direction, origin, level = walk(
+            levels, level, self.direction, origin, edges, spans, found
+        )
         return _Moved(
             rests=moves.rests,
             starts=starts,
-            reversals=self.reversals + len(spans),
-            done=self.done + float(spans.sum()),
-            spans=tuple(map(operator.add, self.spans, found.tolist())),
+            reversals=self.reversals + count,
+            done=self.done + float(spans[:count].sum()),
+            spans=tuple(found.tolist()),
             direction=direction,
             begin=origin,
             level=level,
@@ -255,11 +266,11 @@ def cycle_duty(cycle: Cycle, *, normalised: bool) -> Duty | None:
         Whether positions are shares of the stroke: 0 = closed, 1 = open.
     """
     frames = cycle.frames
-    position = contiguous(frames.position)
-    good, count = believed(position, frames.valid)
+    position, stamp_ns = contiguous(frames.position), np.ascontiguousarray(frames.stamp_ns)
+    good, held = np.empty(len(frames), np.bool_), np.empty(len(frames), np.int64)
+    count = believed(position, frames.valid, stamp_ns, gap_ns(cycle.period_s), good, held)
     if not len(frames) or count / len(frames) < BELIEVED:
         return None
-    held = held_ns(np.ascontiguousarray(frames.stamp_ns), gap_ns(cycle.period_s))
     if count < len(frames):
         position, held = position[good], held[good]
     stroke = (0.0, 1.0) if normalised else (math.nan, math.nan)

@@ -16,8 +16,14 @@ if TYPE_CHECKING:
 
 @njit(cache=True)
 def walk(
-    levels: FloatArray, level: float, direction: int, begin: float, edges: FloatArray
-) -> tuple[FloatArray, IntArray, int, float, float]:
+    levels: FloatArray,
+    level: float,
+    direction: int,
+    begin: float,
+    edges: FloatArray,
+    spans: FloatArray,
+    found: IntArray,
+) -> tuple[int, int, float, float]:
     """Move on from the level reached to others, one after the other.
 
     Parameters
@@ -30,16 +36,16 @@ def walk(
         Of the movement under way, 1 or -1; 0 = none yet.
     edges : (B,) array
         Lower edges of the bins of spans [unit of the position]; the last bin has no end.
+    spans : (M,) array
+        Gets the spans of the movements that were completed [unit of the position].
+    found : (B,) int64 array
+        Gets how many these are by bin, added to what it holds.
 
     Returns
     -------
-    (S,) array, (B,) int64 array
-        Spans of the movements that were completed [unit of the position], and how many by bin.
-    int, float, float
-        Direction, begin and level of the movement that is under way now.
+    int, int, float, float
+        Movements completed; direction, begin and level of the one that is under way now.
     """
-    spans = np.empty(len(levels))
-    found = np.zeros(len(edges), np.int64)
     count = 0
     for i in range(len(levels)):
         if levels[i] == level:
@@ -54,17 +60,7 @@ def walk(
             spans[count] = span
             begin, count = level, count + 1
         direction, level = way, levels[i]
-    return spans[:count], found, direction, begin, level
-
-
-@njit(cache=True)
-def held_ns(stamp_ns: IntArray, limit_ns: float) -> IntArray:
-    """Return how long each of N samples was held; 0 before a gap above a limit, and at the end."""
-    held = np.zeros(len(stamp_ns), np.int64)
-    for i in range(len(stamp_ns) - 1):
-        step = stamp_ns[i + 1] - stamp_ns[i]
-        held[i] = 0 if step > limit_ns else step
-    return held
+    return count, direction, begin, level
 
 
 @njit(cache=True)
@@ -94,11 +90,31 @@ def open_times(
 
 
 @njit(cache=True)
-def believed(position: FloatArray, valid: BoolArray) -> tuple[BoolArray, int]:
-    """Return which of N positions are valid and finite, and how many."""
-    good = np.empty(len(position), np.bool_)
+def believed(
+    position: FloatArray,
+    valid: BoolArray,
+    stamp_ns: IntArray,
+    limit_ns: float,
+    good: BoolArray,
+    held: IntArray,
+) -> int:
+    """Tell which positions can be believed and how long each was held; return how many can.
+
+    Parameters
+    ----------
+    position, valid, stamp_ns : (N,) array, (N,) bool array, (N,) int64 array
+        Position [its unit], whether its frame is complete, its stamp [ns].
+    limit_ns : float
+        Step between stamps above which samples are missing [ns].
+    good : (N,) bool array
+        Overwritten: valid and finite.
+    held : (N,) int64 array
+        Overwritten: how long each was held; 0 before a gap, and at the end [ns].
+    """
     count = 0
     for i in range(len(position)):
         good[i] = valid[i] and np.isfinite(position[i])
         count += good[i]
-    return good, count
+        step = stamp_ns[i + 1] - stamp_ns[i] if i + 1 < len(position) else 0
+        held[i] = 0 if step > limit_ns else step
+    return count

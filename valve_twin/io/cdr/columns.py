@@ -130,6 +130,7 @@ class ColumnStore:
             for row, source in enumerate(self._sources)
             if self.counts[row, _SAMPLES]
         }
+        self._capacity = max(self._capacity, self.values.shape[1])  # the next are as many
         self.counts[:] = 0
         self._make(0)
         return found

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from valve_twin.core.gaps import delays
 from valve_twin.core.types import cut_block, join_blocks
 from valve_twin.io.bags.signals import cut_rounds
 
@@ -120,14 +121,12 @@ class _Stretch:
             if block.log_ns is None or not block.has_header:
                 plain = False
                 continue
-            delay = block.log_ns - stamps
-            low, high = int(delay.min()), int(delay.max())
+            low, high, rises = delays(block.log_ns, stamps)
             self._least_delay = low if self._least_delay is None else min(self._least_delay, low)
             greatest = high if greatest is None else max(greatest, high)
             last = self._last_ns.get(block.signal)
-            rises = bool((stamps[1:] > stamps[:-1]).all())
             plain = plain and rises and (last is None or int(stamps[0]) > last)
-            newest = int(stamps.max())
+            newest = int(stamps[-1]) if rises else int(stamps.max())
             self._last_ns[block.signal] = newest if last is None else max(newest, last)
         if not plain or greatest is None or self._least_delay is None:
             return False

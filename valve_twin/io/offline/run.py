@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.alignment import SignalCounts
     from valve_twin.core.twin import Twin
-    from valve_twin.core.types import Frames
+    from valve_twin.core.types import Frames, IntArray
     from valve_twin.io.bags.contents import BagInfo
     from valve_twin.io.cdr.signals import SignalBlock
     from valve_twin.io.config.valve import ValveConfig
@@ -307,12 +307,17 @@ def run_bag(
 
 
 def _noted(blocks: Iterable[SignalBlock], clocks: SignalClocks | None) -> Iterator[SignalBlock]:
-    """Hand blocks on and note by how much their stamps are ahead of the record."""
+    """Hand blocks on and note in the end by how much their stamps are ahead of the record."""
+    newest: dict[str, tuple[SignalBlock, IntArray]] = {}
     for block in blocks:
-        if clocks is not None and block.log_ns is not None and len(block.log_ns):
-            ahead_ns = float(np.median(block.stamp_ns - block.log_ns))
-            clocks.note(block.signal, ahead_ns, has_header=block.has_header)
+        if block.log_ns is not None and len(block.log_ns):
+            newest[block.signal] = block, block.log_ns
         yield block
+    if clocks is None:
+        return
+    for block, log_ns in newest.values():
+        ahead_ns = float(np.median(block.stamp_ns - log_ns))
+        clocks.note(block.signal, ahead_ns, has_header=block.has_header)
 
 
 def describe_bad(config: ValveConfig, bag: str | Path, record: Record) -> list[str]:

@@ -13,7 +13,6 @@ import math
 from dataclasses import asdict
 from enum import IntEnum
 from functools import cache
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.diagnosis.generic.reference import published
@@ -23,7 +22,7 @@ from valve_twin.core.types import ParameterStatus
 from valve_twin.core.valves.registry import get_model
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from valve_twin.core.aging import Assessment
     from valve_twin.core.faults.advice import Advice
@@ -143,19 +142,28 @@ def advice_fields(advice: Advice) -> dict[str, str]:
 def _fields(value: object) -> dict[str, Any]:
     found: dict[str, Any] = flat(value)
     for name, plain, many in _conversions(type(value)):
-        found[name] = [plain(x) for x in found[name]] if many else plain(found[name])
+        found[name] = plain(found[name]) if many else plain((found[name],))[0]
     return found
 
 
 @once_a_record
-def _conversions(record: type) -> list[tuple[str, Callable[[Any], object], bool]]:
+def _conversions(record: type) -> list[tuple[str, Callable[[Any], list[Any]], bool]]:
     """Return the columns whose values are not plain data already."""
-    plain: dict[bool, Callable[[Any], object]] = {True: _number, False: attrgetter("name")}
+    plain: dict[bool, Callable[[Any], list[Any]]] = {True: _numbers, False: _names}
     return [
         (c.name, plain[c.kind is float], c.many)
         for c in columns(record)
         if c.kind is float or issubclass(c.kind, IntEnum)
     ]
+
+
+def _numbers(values: Sequence[float]) -> list[float | str | None]:
+    finite = math.isfinite
+    return [x if finite(x) else _number(x) for x in values]
+
+
+def _names(values: Sequence[IntEnum]) -> list[str]:
+    return [x.name for x in values]
 
 
 def _number(value: float) -> float | str | None:

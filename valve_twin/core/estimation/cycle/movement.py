@@ -117,8 +117,9 @@ def find_moves(position: FloatArray) -> Moves:
         return still
     sigma = difference_sigma(bends, 2)
     turn = max(TURN * sigma, LEAST_TURN * span, STEPS * step)
-    starts, early, rests = _starts(position, REST_BAND * turn)
-    return Moves(_turns(position, turn, sigma), turn, int(starts), bool(early), bool(rests))
+    levels = np.empty(len(position) + 1)
+    count, starts, early, rests = _moves(position, turn, sigma, levels)
+    return Moves(levels[:count], turn, starts, early, rests)
 
 
 @njit(cache=True)
@@ -149,9 +150,17 @@ def _extreme(samples: int, sigma: float) -> float:
 
 
 @njit(cache=True)
-def _turns(position: FloatArray, turn: float, sigma: float) -> FloatArray:
-    """Return the levels between which the position moves; fewer than two where it does not."""
-    levels = np.empty(len(position) + 1)
+def _moves(
+    position: FloatArray, turn: float, sigma: float, levels: FloatArray
+) -> tuple[int, int, bool, bool]:
+    """Fill the levels between which the position moves; return how many, and as `_starts`."""
+    starts, early, rests = _starts(position, REST_BAND * turn)
+    return _turns(position, turn, sigma, levels), starts, early, rests
+
+
+@njit(cache=True)
+def _turns(position: FloatArray, turn: float, sigma: float, levels: FloatArray) -> int:
+    """Fill the levels between which the position moves; return how many, below two where not."""
     moves, direction = 0, 0
     low = high = extreme = position[0]
     near = 0
@@ -176,7 +185,7 @@ def _turns(position: FloatArray, turn: float, sigma: float) -> FloatArray:
     if moves:
         levels[moves] = extreme - direction * _extreme(max(near, 1), sigma)
         moves += 1
-    return levels[:moves]
+    return moves
 
 
 @njit(cache=True)

@@ -24,12 +24,18 @@ if TYPE_CHECKING:
 LARGEST = 1.5
 """A signal that is 0..1 does not go beyond this, overshoot and offset included [1], assumed."""
 
+FEWEST_STEPS = 20
+"""Fewest steps between samples, to know their distance or a direction [1]."""
+
 _FAR = 3.0  # speeds and pressures may exceed their full scale more than positions [1]
-_FEWEST_STEPS = 20  # between samples, to know their distance
 _FEWEST_BEYOND = 3  # samples: fewer are outliers, not a unit
 _GAP, _BUNCH = 1.5, 10.0  # median steps, periods; a step longer than both is a gap
-_SURE = 6.0  # standard errors that decide a direction
-_EXPLAINED = 0.2  # least share of the motion that the commands explain, to decide its direction
+SURE = 6.0
+"""Effect that decides a direction [standard errors]."""
+
+EXPLAINED = 0.2
+"""Least share of the motion that the commands explain, to decide its direction [1]."""
+
 _AT_SEAT = 0.05  # distance from a seat that counts as resting there [1]
 _AGAINST = -0.5  # correlation at which a position runs against its command ...
 _WEAKER = 0.5  # ... if none at another delay is stronger than this share of it
@@ -51,7 +57,7 @@ def wrong_step(stamp_ns: IntArray, period_s: float) -> float:
     period_s : float
         Configured sampling time [s].
     """
-    if len(stamp_ns) <= _FEWEST_STEPS:
+    if len(stamp_ns) <= FEWEST_STEPS:
         return 0.0
     steps = np.diff(stamp_ns) * 1e-9
     median = float(np.median(steps))
@@ -192,8 +198,8 @@ def drive_fault(
         Longest lag tried [samples].
     """
     rising, falling = _driven_by(position, inputs, max_lag)
-    wrong = [rising < -_SURE, falling > _SURE]
-    if not any(wrong) or rising > _SURE or falling < -_SURE:
+    wrong = [rising < -SURE, falling > SURE]
+    if not any(wrong) or rising > SURE or falling < -SURE:
         return ""
     what = [f"falls while {names[1]} is on", f"rises while {names[2]} is on"]
     seen = " and ".join(text for text, is_so in zip(what, wrong, strict=True) if is_so)
@@ -218,14 +224,14 @@ def _driven_by(position: FloatArray, inputs: FloatArray, max_lag: int) -> tuple[
 
     One lag at which both act as they should is enough: no lag shows that of a wrong mapping.
     """
-    best, found = _EXPLAINED, (0.0, 0.0)
+    best, found = EXPLAINED, (0.0, 0.0)
     for lag in range(max_lag + 1):
-        if len(position) - 1 - lag < _FEWEST_STEPS:
+        if len(position) - 1 - lag < FEWEST_STEPS:
             break
         explained, rising, falling = effects_at_lag(position, inputs, lag)
         if explained > best:
             best, found = explained, (rising, falling)
-        if explained > _EXPLAINED and rising > _SURE and falling < -_SURE:
+        if explained > EXPLAINED and rising > SURE and falling < -SURE:
             return rising, falling
     return found
 

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.gaps import mark_gaps
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _LONG_AGO = -(1 << 40)
-_SWEEPS = 30  # most Jacobi sweeps; five or six unless columns are nearly dependent
 
 
 @njit(cache=True)
@@ -173,12 +173,64 @@ def mark_stuck(
 
 
 @njit(cache=True)
+def mark_all(
+    position: FloatArray,
+    inputs: FloatArray,
+    valid: BoolArray,
+    stamp_ns: IntArray,
+    gap_ns: float,
+    push: FloatArray,
+    limits: tuple[float, float, float, float, float],
+    samples: tuple[int, int],
+    flags: BoolArray,
+    found: FloatArray,
+) -> tuple[int, bool]:
+    """Fill all flags that `masks` needs no other pass for, net command and position.
+
+    Parameters
+    ----------
+    position, inputs, valid : arrays
+        See `mark_samples`.
+    stamp_ns : (N,) int64 array
+        Stamps [ns].
+    gap_ns : float
+        Step between stamps above which a sample is missing [ns].
+    push : (M,) array
+        Direction into which each command drives [1].
+    limits : tuple of float
+        Where the stops begin, the command that pushes, least command that moves, least motion [1].
+    samples : tuple of int
+        Longest lag, half a window of `mark_stuck` [samples].
+    flags : (5, N) bool array of False
+        Filled with bad samples, those after a gap, breaks, samples on a seat and stuck ones.
+    found : (2, N) array
+        Overwritten with net command and position [1].
+
+    Returns
+    -------
+    int, bool
+        Length of the longest repetition of one value, whether any sample is stuck.
+    """
+    bad, gap, breaks, seat, stuck = flags[0], flags[1], flags[2], flags[3], flags[4]
+    drive, x = found[0], found[1]
+    (low, high, active, command, motion), (max_lag, half) = limits, samples
+    mark_samples(position, inputs, valid, push, bad, drive, x)
+    mark_gaps(stamp_ns, gap_ns, gap)
+    mark_breaks(bad, gap, breaks)
+    # the lookback covers the lag and the sample after the impact, whose speed the stop cut off
+    mark_seat(x, drive, low, high, active, max_lag + 2, seat)
+    mark_stuck(x, drive, breaks, half, max_lag, command, motion, stuck)
+    return longest_run(x, breaks), bool(stuck.any())
+
+
+@njit(cache=True)
 def rest_bends(
     position: FloatArray,
     inputs: FloatArray,
     bad: BoolArray,
     gap: BoolArray,
-    left_out: BoolArray,
+    stale: BoolArray,
+    stuck: BoolArray,
     active: float,
     settle: int,
 ) -> tuple[float, int]:
@@ -190,8 +242,8 @@ def rest_bends(
         Measured position [1].
     inputs : (N, M) array
         Commands [1].
-    bad, gap, left_out : (N,) bool arrays
-        Bad samples, those after a gap, those not to be used.
+    bad, gap, stale, stuck : (N,) bool arrays
+        Bad samples, those after a gap, and others not to be used.
     active : float
         Command that acts [1].
     settle : int
@@ -209,7 +261,7 @@ def rest_bends(
         rest = i - acted > settle
         if not rest or gap[i]:
             label += 1
-        if not rest or left_out[i]:
+        if not rest or bad[i] or stale[i] or stuck[i]:
             continue
         if first_label == label:
             bend = position[i] - 2.0 * second + first
@@ -221,13 +273,24 @@ def rest_bends(
 
 
 @njit(cache=True)
-def mark_rows(lost: BoolArray, bad: BoolArray, gap: BoolArray, back: int, rows: IntArray) -> int:
+def mark_rows(
+    seat: BoolArray,
+    stuck: BoolArray,
+    stale: BoolArray,
+    bad: BoolArray,
+    gap: BoolArray,
+    keep_stale: bool,
+    back: int,
+    rows: IntArray,
+) -> int:
     """Fill rows with the samples whose regression row is whole; returns how many.
 
     Parameters
     ----------
-    lost, bad, gap : (N,) bool arrays
-        Masked samples, bad ones, those after a gap.
+    seat, stuck, stale, bad, gap : (N,) bool arrays
+        See `masks.Masks`.
+    keep_stale : bool
+        Whether stale samples are used as if they were measured.
     back : int
         Samples that a row reaches back [1].
     rows : (N,) int64 array
@@ -235,8 +298,8 @@ def mark_rows(lost: BoolArray, bad: BoolArray, gap: BoolArray, back: int, rows: 
     """
     count = 0
     last_lost = last_bad = last_gap = _LONG_AGO
-    for i in range(len(lost)):
-        if lost[i]:
+    for i in range(len(bad)):
+        if bad[i] or seat[i] or stuck[i] or (stale[i] and not keep_stale):
             last_lost = i
         if bad[i]:
             last_bad = i
@@ -246,6 +309,26 @@ def mark_rows(lost: BoolArray, bad: BoolArray, gap: BoolArray, back: int, rows: 
             rows[count] = i
             count += 1
     return count
+
+
+@njit(cache=True)
+def count_masked(
+    seat: BoolArray, stuck: BoolArray, stale: BoolArray, bad: BoolArray, gap: BoolArray
+) -> tuple[int, int, int, int]:
+    """Return how many samples are on a seat, stuck, stale, and bad or after a gap.
+
+    Parameters
+    ----------
+    seat, stuck, stale, bad, gap : (N,) bool arrays
+        See `masks.Masks`.
+    """
+    on_seat = is_stuck = is_stale = is_bad = 0
+    for i in range(len(seat)):
+        on_seat += seat[i]
+        is_stuck += stuck[i]
+        is_stale += stale[i]
+        is_bad += bad[i] or gap[i]
+    return on_seat, is_stuck, is_stale, is_bad
 
 
 @njit(cache=True)
@@ -325,52 +408,3 @@ def choose_independent(
             chosen[count] = column
             count += 1
     return count
-
-
-@njit(cache=True)
-def extreme_eigenvalues(matrix: FloatArray) -> tuple[float, float]:
-    """Return least and greatest eigenvalue of a Gram matrix scaled to a unit diagonal.
-
-    By Jacobi rotations; columns of zeros are left out, (0, 0) where nothing is left.
-    """
-    columns = np.flatnonzero(np.diag(matrix) > 0.0)
-    k = len(columns)
-    if k == 0:
-        return 0.0, 0.0
-    a = np.empty((k, k))
-    for i in range(k):
-        for j in range(k):
-            size = np.sqrt(matrix[columns[i], columns[i]]) * np.sqrt(
-                matrix[columns[j], columns[j]]
-            )
-            a[i, j] = matrix[columns[i], columns[j]] / size
-    for _ in range(_SWEEPS):
-        off = 0.0
-        for i in range(k):
-            for j in range(i):
-                off += a[i, j] * a[i, j]
-        if off < 1e-36:
-            break
-        for i in range(1, k):
-            for j in range(i):
-                _rotate(a, i, j)
-    return np.diag(a).min(), np.diag(a).max()
-
-
-@njit(cache=True)
-def _rotate(a: FloatArray, i: int, j: int) -> None:
-    """Make the element (i, j) of a symmetric matrix zero by a rotation."""
-    if a[i, j] == 0.0:
-        return
-    slope = (a[j, j] - a[i, i]) / (2.0 * a[i, j])
-    tangent = 1.0 / (abs(slope) + np.sqrt(slope * slope + 1.0))
-    if slope < 0.0:
-        tangent = -tangent
-    cosine = 1.0 / np.sqrt(tangent * tangent + 1.0)
-    sine = tangent * cosine
-    for n in range(len(a)):
-        left, right = a[n, i], a[n, j]
-        a[n, i], a[n, j] = cosine * left - sine * right, sine * left + cosine * right
-    for n in range(len(a)):
-        left, right = a[i, n], a[j, n]
-        a[i, n], a[j, n] = cosine * left - sine * right, sine * left + cosine * right

@@ -14,15 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.data.kernels import (
-    longest_run,
-    mark_breaks,
-    mark_samples,
-    mark_seat,
-    mark_stuck,
-)
+from valve_twin.core.estimation.data.kernels import mark_all
 from valve_twin.core.estimation.data.stale import find_stale
-from valve_twin.core.gaps import find_gaps
+from valve_twin.core.gaps import gap_ns
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, Frames
@@ -131,31 +125,32 @@ def find_masks(
         )
         raise ValueError(msg)
     n = len(frames)
-    bad, breaks, seat, stuck = (np.zeros(n, np.bool_) for _ in range(4))
-    drive, x = np.empty(n), np.empty(n)
-    position, inputs = contiguous(frames.position), contiguous(frames.inputs)
-    mark_samples(position, inputs, frames.valid, np.asarray(push, float), bad, drive, x)
-    gap = find_gaps(frames.stamp_ns, period_s)
-    mark_breaks(bad, gap, breaks)
-    stale, refresh = np.zeros(n, np.bool_), 1.0
-    if longest_run(x, breaks) > 1:
+    flags, found = np.zeros((6, n), np.bool_), np.empty((2, n))
+    bad, gap, breaks, seat, stuck, stale = flags
+    drive, x = found
+    longest, any_stuck = mark_all(
+        contiguous(frames.position),
+        contiguous(frames.inputs),
+        frames.valid,
+        np.ascontiguousarray(frames.stamp_ns),
+        gap_ns(period_s),
+        np.asarray(push, float),
+        (
+            options.lower_stop + options.stop_margin,
+            options.upper_stop - options.stop_margin,
+            options.active_command,
+            options.stuck_command,
+            options.stuck_motion,
+        ),
+        (options.max_lag, max(6, round(options.stuck_window_s / period_s)) // 2),
+        flags,
+        found,
+    )
+    refresh = 1.0
+    if longest > 1:
         active = np.abs(drive) > options.active_command
         stale, refresh = find_stale(x, active, breaks, max_lag=options.max_lag)
-    low, high = options.lower_stop + options.stop_margin, options.upper_stop - options.stop_margin
-    # the lookback covers the lag and the sample after the impact, whose speed the stop cut off
-    mark_seat(x, drive, low, high, options.active_command, options.max_lag + 2, seat)
-    half = max(6, round(options.stuck_window_s / period_s)) // 2
-    mark_stuck(
-        x,
-        drive,
-        breaks,
-        half,
-        options.max_lag,
-        options.stuck_command,
-        options.stuck_motion,
-        stuck,
-    )
-    if stuck.any():
+    if any_stuck:
         stuck &= ~seat & ~stale
     return Masks(seat, stuck, stale, bad, gap, refresh)
 

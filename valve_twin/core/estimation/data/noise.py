@@ -83,7 +83,8 @@ def rest_noise(
         contiguous(frames.inputs),
         masks.bad,
         masks.gap,
-        masks.stale | masks.bad | masks.stuck,
+        masks.stale,
+        masks.stuck,
         active_command,
         settle,
     )

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The options of each part of the estimation, from those of the model."""
+"""The options of each part of the estimation, from those of the model.
+
+Those of one valve are the same object in every cycle, so that what was made of the last is kept.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import wraps
+from typing import TYPE_CHECKING, TypeVar
 
 from valve_twin.core.estimation.data.masks import MaskOptions
 from valve_twin.core.valves.press_cartridge.diagnosis import features
@@ -14,9 +18,32 @@ from valve_twin.core.valves.press_cartridge.estimation.excitation import GuardOp
 from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from valve_twin.core.valves.press_cartridge.parameters import PressCartridgeOptions
 
+T = TypeVar("T")
 
+
+def _of_the_last(
+    make: Callable[[PressCartridgeOptions], T],
+) -> Callable[[PressCartridgeOptions], T]:
+    """Keep what a function made of the last options that it was given; all are frozen."""
+    last: list[tuple[PressCartridgeOptions | None, T | None]] = [(None, None)]
+
+    @wraps(make)
+    def made(options: PressCartridgeOptions) -> T:
+        of, kept = last[0]  # both at once: another thread may ask for other options
+        if of is options and kept is not None:
+            return kept
+        found = make(options)
+        last[0] = options, found
+        return found
+
+    return made
+
+
+@_of_the_last
 def mask_options(options: PressCartridgeOptions) -> MaskOptions:
     """Return how samples are masked."""
     return MaskOptions(
@@ -40,6 +67,7 @@ def feature_options(options: PressCartridgeOptions) -> features.FeatureOptions:
     )
 
 
+@_of_the_last
 def guard_options(options: PressCartridgeOptions) -> GuardOptions:
     """Return when a gain is refused."""
     return GuardOptions(
@@ -68,6 +96,7 @@ def output_error_options(options: PressCartridgeOptions, lag: int) -> OutputErro
     )
 
 
+@_of_the_last
 def equation_error_options(options: PressCartridgeOptions) -> EquationErrorOptions:
     """Return how the equation error is fitted."""
     return EquationErrorOptions(

@@ -11,14 +11,6 @@ import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.diagnosis.features import FeatureSet
-from valve_twin.core.estimation.cycle.plausibility import (
-    LARGEST,
-    drive_fault,
-    known_rows,
-    same_fault,
-    still_fault,
-    unit_fault,
-)
 from valve_twin.core.estimation.data.masks import Masks, find_masks
 from valve_twin.core.estimation.data.noise import rest_noise
 from valve_twin.core.simulation.valve import SimulatedValve
@@ -50,12 +42,7 @@ from valve_twin.core.valves.press_cartridge.estimation.kalman import fit_kalman,
 from valve_twin.core.valves.press_cartridge.estimation.lag import LagScan, scan_lag
 from valve_twin.core.valves.press_cartridge.estimation.output_error import fit_output_error
 from valve_twin.core.valves.press_cartridge.estimation.response.accuracy import scatter_halves
-from valve_twin.core.valves.press_cartridge.estimation.response.checks import (
-    late_fault,
-    lost_fault,
-    step_fault,
-    stroke_fault,
-)
+from valve_twin.core.valves.press_cartridge.estimation.response.signals import signal_fault
 from valve_twin.core.valves.press_cartridge.estimation.response.timing import Timing, pool_timing
 from valve_twin.core.valves.press_cartridge.estimator_options import (
     equation_error_options,
@@ -204,30 +191,7 @@ class PressCartridgeModel(AsLaw, CompiledModel):
         options : PressCartridgeOptions
             The model's options.
         """
-        known = known_rows(cycle.frames)
-        if len(known) == 0:
-            return ""
-        seats = options.lower_seat, options.upper_seat
-        names, columns = (self.output, *self.inputs), (known.position, *known.inputs.T)
-        faults = [
-            unit_fault(name, u, LARGEST - 2.0, LARGEST)
-            for name, u in zip(self.inputs, columns[1:], strict=True)
-        ]
-        span = seats[1] - seats[0]
-        reach = (LARGEST - 1.0) * span
-        # limits of a signal take out what would show its unit
-        whole, seen = known is cycle.frames, cycle.frames.position
-        seen = seen if whole else seen[np.isfinite(seen)]
-        faults.append(unit_fault(self.output, seen, seats[0] - reach, seats[1] + reach))
-        y, period_s = known.position, cycle.period_s
-        faults.append("" if whole else lost_fault(names, cycle.frames))
-        faults.append(step_fault(self.output, y, span))
-        faults.append(stroke_fault(self.output, y, options.usual_stroke))
-        faults.append(same_fault(names, columns) or still_fault(self.inputs, columns[1:]))
-        max_lag = options.max_lag
-        faults.append(drive_fault(names, y, known.inputs, seats=seats, max_lag=max_lag))
-        faults.append(late_fault(self.output, y, known.inputs, period_s=period_s, max_lag=max_lag))
-        return next((fault for fault in faults if fault), "")
+        return signal_fault(self.output, self.inputs, cycle, options)
 
     def coefficients(
         self,
@@ -421,7 +385,7 @@ def _with_gap(
 ) -> tuple[Estimate, ...]:
     """Hold the gains against those of the equation error, where that was run."""
     paper = next((e for e in estimates if e.estimator in EQUATION_ERROR), None)
-    if paper is None:
+    if paper is None or not any(e.guards for e in estimates):
         return tuple(estimates)
     theta = {p.name: p.value for p in paper.parameters}
     v_ref, guard = options.v_ref, guard_options(options)

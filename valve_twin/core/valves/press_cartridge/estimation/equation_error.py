@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.data.kernels import count_masked
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     EstimateStatus,
@@ -255,10 +256,11 @@ def _pose(
     reasons = term_reasons(inflow, outflow, full)
     excited = [term for term in terms if not reasons[term - 1]]
     fitted = independent_terms(full, excited, options.guard.max_condition)
-    reasons = tuple(
-        why or ("" if k + 1 in fitted else "not independent of the other terms")
-        for k, why in enumerate(reasons)
-    )
+    if len(fitted) < reasons.count(""):
+        reasons = tuple(
+            why or ("" if k + 1 in fitted else "not independent of the other terms")
+            for k, why in enumerate(reasons)
+        )
     return _Problem(fitted, full.part(fitted), _limits(kind, options, fitted), reasons)
 
 
@@ -299,22 +301,28 @@ def _values(
 ) -> tuple[ParameterValue, ...]:
     """Return the parameters: not excited, on a bound (which), or free."""
     limits, values = problem.limits, theta.tolist()
-    active = [i for i, on in enumerate(solution.active.tolist()) if on]
-    rows = limits.matrix[active].tolist()
+    active = solution.active.nonzero()[0]
+    on: dict[int, list[str]] = {}
+    which, columns = limits.matrix[active].nonzero()
+    for i, column in zip(active[which].tolist(), columns.tolist(), strict=True):
+        on.setdefault(problem.fitted[column], []).append(limits.labels[i])
     found = []
     for term in terms:
         name, why = THETA[term - 1], problem.reasons[term - 1]
         if why:
-            found.append(ParameterValue(name, math.nan, ParameterStatus.NOT_EXCITED, why))
-            continue
-        column = problem.fitted.index(term)
-        on = [limits.labels[i] for i, row in zip(active, rows, strict=True) if row[column] != 0.0]
-        if on:
-            status, reason = ParameterStatus.AT_BOUND, f"rests on {', '.join(on)}"
-            found.append(ParameterValue(name, values[term - 1], status, reason))
+            found.append(_not_excited(name, why))
+        elif term in on:
+            reason = f"rests on {', '.join(on[term])}"
+            at_bound = ParameterStatus.AT_BOUND
+            found.append(ParameterValue(name, values[term - 1], at_bound, reason))
         else:
             found.append(ParameterValue(name, values[term - 1]))
     return tuple(found)
+
+
+@lru_cache(maxsize=256)
+def _not_excited(name: str, why: str) -> ParameterValue:
+    return ParameterValue(name, math.nan, ParameterStatus.NOT_EXCITED, why)
 
 
 def _verdict(parameters: tuple[ParameterValue, ...]) -> tuple[EstimateStatus, str]:
@@ -332,8 +340,8 @@ def _verdict(parameters: tuple[ParameterValue, ...]) -> tuple[EstimateStatus, st
 
 def _counts(masks: Masks, used: int) -> MaskCounts:
     """Rows used and samples masked."""
-    flags = (masks.seat, masks.stuck, masks.stale, masks.bad | masks.gap)
-    return MaskCounts(used, *(int(np.count_nonzero(flag)) for flag in flags))
+    flags = (masks.seat, masks.stuck, masks.stale, masks.bad, masks.gap)
+    return MaskCounts(used, *count_masked(*flags))
 
 
 def _refused(

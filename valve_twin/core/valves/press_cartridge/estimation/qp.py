@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.data.kernels import extreme_eigenvalues
+from valve_twin.core.estimation.solvers.eigenvalues import extreme_eigenvalues
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.valves.press_cartridge.estimation.solvers.active_set import (
     ACTIVE,

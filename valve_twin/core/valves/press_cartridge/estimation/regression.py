@@ -76,12 +76,18 @@ def usable_rows(frames: Frames, masks: Masks, lag: int, *, keep_stale: bool = Fa
         without them a sensor refreshed every second sample or slower leaves no row at all. A
         single freeze is always left out.
     """
-    back = max(2, lag)
-    lost = masks.bad | masks.seat | masks.stuck
-    if not keep_stale or masks.refresh_period <= 1.0:
-        lost = lost | masks.stale
-    rows = np.empty(len(lost), np.int64)
-    return rows[: mark_rows(lost, masks.bad, masks.gap, back, rows)]
+    rows = np.empty(len(masks.bad), np.int64)
+    count = mark_rows(
+        masks.seat,
+        masks.stuck,
+        masks.stale,
+        masks.bad,
+        masks.gap,
+        keep_stale and masks.refresh_period > 1.0,
+        max(2, lag),
+        rows,
+    )
+    return rows[:count]
 
 
 def common_rows(

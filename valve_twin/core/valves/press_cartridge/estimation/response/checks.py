@@ -19,13 +19,19 @@ if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray, Frames
 
 _MOST_LOST = 0.05  # share of the samples of a cycle that may be missing or outside limits, assumed
-_COARSEST = 0.01  # step of a position that still tells a leak, of the stroke: 7 bits, assumed
 _FEWEST_LEVELS = 4  # of a position, to know its step
 _STROKES = (0.6, 1.6)  # a cycle's stroke over the usual one, products differ, assumed
 _REACH_S = 1.0  # how late or early a response is looked for [s]
 _MOST_TRIED = 64  # lags on either side
-_WORSE = 0.9  # share of the best agreement that an allowed lag must reach, assumed
-_CLEAR = 0.08  # least correlation of commands and motion by which a lag can be told, assumed
+
+COARSEST = 0.01
+"""Step of a position that still tells a leak [share of the stroke]: 7 bits, assumed."""
+
+WORSE = 0.9
+"""Share of the best agreement that an allowed lag must reach [1], assumed."""
+
+CLEAR = 0.08
+"""Least correlation of commands and motion by which a lag can be told [1], assumed."""
 
 
 def lost_fault(names: Sequence[str], frames: Frames) -> str:
@@ -68,17 +74,17 @@ def step_fault(name: str, position: FloatArray, span: float) -> str:
     span : float
         Distance of the seats [1].
     """
-    if steps_within(position, _COARSEST * span):
+    if steps_within(position, COARSEST * span):
         return ""  # the usual case, without sorting
     steps = np.diff(np.sort(position))
     steps = steps[steps > 0.0]
     if len(steps) < _FEWEST_LEVELS - 1:
         return ""
     step = float(steps.min())
-    if step <= _COARSEST * span:
+    if step <= COARSEST * span:
         return ""
     return (
-        f"{name} moves in steps of {step:.3g}, {_COARSEST * span:.3g} is the coarsest that tells "
+        f"{name} moves in steps of {step:.3g}, {COARSEST * span:.3g} is the coarsest that tells "
         f"a leak: read signals.{name}.topic with more bits"
     )
 
@@ -107,6 +113,21 @@ def stroke_fault(name: str, position: FloatArray, usual: float) -> str:
     )
 
 
+def lags_tried(samples: int, period_s: float, max_lag: int) -> int:
+    """Return how late or early a response is looked for in a cycle [samples].
+
+    Parameters
+    ----------
+    samples : int
+        Of the cycle [1].
+    period_s : float
+        Sampling time [s].
+    max_lag : int
+        Longest lag that a fit searches [samples].
+    """
+    return min(max(round(_REACH_S / period_s), 2 * max_lag), samples // 4, _MOST_TRIED)
+
+
 def late_fault(
     name: str, position: FloatArray, inputs: FloatArray, *, period_s: float, max_lag: int
 ) -> str:
@@ -125,13 +146,13 @@ def late_fault(
     max_lag : int
         Longest lag that is searched [samples].
     """
-    reach = min(max(round(_REACH_S / period_s), 2 * max_lag), len(position) // 4, _MOST_TRIED)
+    reach = lags_tried(len(position), period_s, max_lag)
     if reach <= max_lag:
         return ""
     agreement = explained_by_lag(position, inputs, reach)
     best = int(np.argmax(agreement))
     allowed = agreement[reach : reach + max_lag + 1].max()
-    if not agreement[best] > _CLEAR or allowed >= _WORSE * agreement[best]:
+    if not agreement[best] > CLEAR or allowed >= WORSE * agreement[best]:
         return ""
     late = (best - reach) * period_s
     if late < 0.0:
