@@ -37,7 +37,7 @@ class Sheet:
 
     def __init__(self, radius: float, low: float, high: float) -> None:
         self._scale = (_WIDTH - 2.0 * _MARGIN) / (high - low)
-        self._low, self._high, self._radius = low, high, radius
+        self._low, self._high = low, high
         self.height = radius * self._scale + _MARGIN + _FOOT
         self._base = radius * self._scale + 0.5 * _MARGIN
         self.parts: list[str] = [_STYLE]

@@ -121,17 +121,15 @@ def physical_theta(
     )
 
 
-def corner_theta(*, identical: bool, box: Box | None = None) -> FloatArray:
-    """Return theta_1 ... theta_5 at all corners of the box: (K, 5).
+def corner_theta(*, identical: bool) -> FloatArray:
+    """Return theta_1 ... theta_5 at all corners of the box of Table 3: (K, 5).
 
     Parameters
     ----------
     identical : bool
         Both pilot groups have the same area, as the paper says; else each its own.
-    box : Box, optional
-        The ranges, those of Table 3 by default.
     """
-    box = box or Box()
+    box = Box()
     own = box.pilot_area if not identical else (1.0,)
     corners = np.array(
         list(

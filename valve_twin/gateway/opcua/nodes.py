@@ -34,7 +34,6 @@ class Builder:
         name: ua.QualifiedName,
         *,
         kind: ua.NodeId | None = None,
-        by: int = Ids.HasComponent,
         events: bool = False,
     ) -> ua.NodeId:
         """Add an object.
@@ -47,8 +46,6 @@ class Builder:
             Its name when browsed.
         kind : NodeId, optional
             Its type, default the base of all objects.
-        by : int
-            Reference from the parent.
         events : bool
             Whether a client may subscribe to its events.
         """
@@ -56,7 +53,9 @@ class Builder:
             DisplayName=ua.LocalizedText(name.Name), EventNotifier=ua.Byte(int(events))
         )
         kind = kind or ua.NodeId(Ids.BaseObjectType)
-        return self._add(parent, node, name, ua.NodeClass.Object, attributes, kind, by)
+        return self._add(
+            parent, node, name, ua.NodeClass.Object, attributes, kind, Ids.HasComponent
+        )
 
     def add_type(
         self,

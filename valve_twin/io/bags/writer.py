@@ -200,16 +200,8 @@ class BagWriter:
             raise BagError(msg) from err
         self._write_rows(entries, owner, data, stamps, sequence)
 
-    def write_series(
-        self,
-        topic: str,
-        stamp_ns: int,
-        period_s: float,
-        values: FloatArray,
-        *,
-        log_ns: int | None = None,
-    ) -> None:
-        """Append a Float64Series.
+    def write_series(self, topic: str, stamp_ns: int, period_s: float, values: FloatArray) -> None:
+        """Append a Float64Series, received when it was stamped.
 
         Parameters
         ----------
@@ -221,13 +213,10 @@ class BagWriter:
             Time between two values [s].
         values : (N,) array
             The samples, in the unit of the topic [any].
-        log_ns : int, optional
-            Receive time [ns]; the stamp where not given.
         """
         self.add_topic(topic, SERIES_TYPE)
-        at = stamp_ns if log_ns is None else log_ns
         data = encode_series(stamp_ns, period_s, values)
-        self.write(topic, data, log_ns=at, publish_ns=stamp_ns)
+        self.write(topic, data, log_ns=stamp_ns, publish_ns=stamp_ns)
 
     def note(self, values: Mapping[str, object]) -> None:
         """Add values of the user's own to the metadata: valve, serial number, losses."""

@@ -67,7 +67,7 @@ def encode_stamped(stamp_ns: int, value: float, frame_id: str = "") -> bytes:
     return _header(stamp_ns, frame_id) + _DOUBLES[1].pack(value)
 
 
-def encode_stamped_rows(stamps_ns: IntArray, values: FloatArray, frame_id: str = "") -> ByteTable:
+def encode_stamped_rows(stamps_ns: IntArray, values: FloatArray) -> ByteTable:
     """Serialize many Float64Stamped at once.
 
     Parameters
@@ -76,8 +76,6 @@ def encode_stamped_rows(stamps_ns: IntArray, values: FloatArray, frame_id: str =
         Stamps [ns].
     values : (N,) array
         Values [any].
-    frame_id : str
-        Frame of all headers.
 
     Returns
     -------
@@ -90,7 +88,7 @@ def encode_stamped_rows(stamps_ns: IntArray, values: FloatArray, frame_id: str =
         If a stamp does not fit into a header.
     """
     for stamp in (int(stamps_ns.min(initial=0)), int(stamps_ns.max(initial=0))):
-        head = _header(stamp, frame_id)
+        head = _header(stamp, "")
     name = head[_FRAME_ID - _BODY :]
     kinds = [("order", "V4"), ("sec", "<i4"), ("nanosec", "<u4")]
     rows = np.empty(len(stamps_ns), dtype=[*kinds, ("name", f"V{len(name)}"), ("value", "<f8")])

@@ -101,19 +101,13 @@ class ValveConfig:
     given: dict[str, object] = field(default_factory=dict, compare=False, repr=False)
 
 
-def load_config(
-    path: str | Path, *, node: str = "twin", name: str = "", without: tuple[str, ...] = ()
-) -> list[ValveConfig]:
+def load_config(path: str | Path, *, without: tuple[str, ...] = ()) -> list[ValveConfig]:
     """Read the valves of a file as the node would that is started with it.
 
     Parameters
     ----------
     path : path
         YAML file of ROS 2 parameters.
-    node : str
-        Node whose sections count.
-    name : str
-        Name of the valve where the file gives none; empty = the file's name.
     without : tuple of str
         Keys that are not heeded, of any valve.
 
@@ -130,15 +124,15 @@ def load_config(
     path = Path(path)
     sections = read_parameter_file(path)
     namespaces = dict.fromkeys(
-        s.namespace for s in sections if s.namespace is not None and s.pattern.endswith(f"/{node}")
+        s.namespace for s in sections if s.namespace is not None and s.pattern.endswith("/twin")
     )
     configs: list[ValveConfig] = []
     for namespace in namespaces or {"/": None}:
         own = str(namespace)
-        whole = merged(s for s in sections if s.matches(f"{own.rstrip('/')}/{node}"))
+        whole = merged(s for s in sections if s.matches(f"{own.rstrip('/')}/twin"))
         flat = {key: value for key, value in whole.values.items() if not key.endswith(without)}
         configs += parse_config(
-            flat, str(path), namespace=own, fallback=name or path.stem, lines=whole.lines
+            flat, str(path), namespace=own, fallback=path.stem, lines=whole.lines
         )
     _check_distinct(configs, str(path))
     return configs

@@ -127,7 +127,7 @@ def load_package(name: str, path: Path) -> Any:  # noqa: ANN401  a module withou
         raise BagError(msg) from err
 
 
-def check_size(path: Path, size: int, packed: int | None = None) -> None:
+def check_size(path: Path, size: int) -> None:
     """Refuse what unpacks to more than a foreign file may.
 
     Parameters
@@ -136,15 +136,13 @@ def check_size(path: Path, size: int, packed: int | None = None) -> None:
         The file.
     size : int
         Bytes that will lie in memory, as the file claims.
-    packed : int, optional
-        Bytes on disk; None = the file's.
 
     Raises
     ------
     BagError
         Names the limit.
     """
-    problem = too_large(size, path.stat().st_size if packed is None else packed)
+    problem = too_large(size, path.stat().st_size)
     if problem:
         msg = f"{path}: {problem}"
         raise BagError(msg)

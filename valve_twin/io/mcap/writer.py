@@ -100,9 +100,7 @@ class McapWriter:
         self._schemas[number] = Schema(number, data, encoding, name)
         return number
 
-    def add_channel(
-        self, schema_id: int, topic: str, metadata: Mapping[str, str], *, encoding: str = "cdr"
-    ) -> int:
+    def add_channel(self, schema_id: int, topic: str, metadata: Mapping[str, str]) -> int:
         """Add a topic and return its number.
 
         Parameters
@@ -113,11 +111,9 @@ class McapWriter:
             Absolute name.
         metadata : mapping
             What else is known of it, texts by name.
-        encoding : str
-            Of its messages.
         """
         number = len(self._channels) + 1
-        self._channels[number] = Channel(number, topic, encoding, dict(metadata), schema_id)
+        self._channels[number] = Channel(number, topic, "cdr", dict(metadata), schema_id)
         self.statistics.counts[number] = 0
         return number
 

@@ -117,21 +117,19 @@ def read_table(
     return Table(path, lines, columns, dated, notices)
 
 
-def read_header(path: Path, *, separator: str = "") -> list[str]:
+def read_header(path: Path) -> list[str]:
     """Return the names in the first line of a file; empty if it holds values.
 
     Parameters
     ----------
     path : path
         CSV file, plain or gzip.
-    separator : str
-        One character; empty = found from the first lines.
     """
     lines = [x for x in _read_text(path).splitlines() if x.strip()]
     if not lines:
         msg = f"{path}: is empty; give a CSV file with rows"
         raise BagError(msg)
-    mark = separator or _find_separator(lines[:_PROBE_LINES])
+    mark = _find_separator(lines[:_PROBE_LINES])
     first = _cells(path, lines[0], mark)
     return [] if all(_is_value(cell, mark) for cell in first) else [c.strip() for c in first]
 

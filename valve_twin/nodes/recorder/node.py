@@ -50,7 +50,6 @@ class BagRecorderNode(ValveNode):
         self._snapshots: Snapshots | None = None
         self._diagnostics: Diagnostics | None = None
         self._timers_made: list[Any] = []
-        self._publishers_made: list[Any] = []
         self._status: Any = None
         self._splits: Any = None
         self._paused = False

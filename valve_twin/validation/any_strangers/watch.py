@@ -132,7 +132,7 @@ class _Watched:
         )
 
 
-def watch(stranger: Stranger, setup: Setup, cycles: int = CYCLES) -> list[Told]:
+def watch(stranger: Stranger, setup: Setup) -> list[Told]:
     """Watch a stranger without trouble, and with each of its troubles from its onset on.
 
     Parameters
@@ -141,8 +141,6 @@ def watch(stranger: Stranger, setup: Setup, cycles: int = CYCLES) -> list[Told]:
         Which.
     setup : Setup
         How the twin is configured.
-    cycles : int
-        Production cycles without trouble [1].
 
     Returns
     -------
@@ -151,7 +149,7 @@ def watch(stranger: Stranger, setup: Setup, cycles: int = CYCLES) -> list[Told]:
     """
     machine, watched = Machine(stranger), _Watched(setup)
     troubled = []
-    for number in range(1, cycles + 1):
+    for number in range(1, CYCLES + 1):
         begun = [t for t in stranger.troubles if t.onset == number]
         troubled += [(t, branch(machine), watched.copy()) for t in begun]
         watched.push(machine.next_cycle())

@@ -79,10 +79,10 @@ class Score:
         return self.detected and self.share > 0.5
 
 
-def learnt(*, consistent: bool = False, seed: int = LEARNT_SEED) -> Detector:
+def learnt(*, consistent: bool = False) -> Detector:
     """Return a detector that has learnt from a healthy day of its own."""
     process = Process().detuned()
-    record = simulate(LEARNT_SAMPLES, seed=seed, process=process, consistent=consistent)
+    record = simulate(LEARNT_SAMPLES, seed=LEARNT_SEED, process=process, consistent=consistent)
     return learn(record.signals)
 
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 BIAS_A = 1.0
 """Current of coil B, and of coil A before the trapezoid [A]; paper 000, section 3.2."""
 
+_AMPLITUDE_A, _PLATEAU_S = 0.8, 2e-3  # of the trapezoids
 _LONGER = 1.25
 _TRIES = 20
 _LEAD_S = 1e-3  # rest before the first flank [s], assumed
@@ -112,13 +113,7 @@ def trapezoid(flank_s: float, amplitude: float, plateau_s: float) -> FloatArray:
 
 
 def excite(
-    bench: Bench,
-    *,
-    resistance: float,
-    supply: float,
-    flank_s: float = 0.6e-3,
-    amplitude: float = 0.8,
-    plateau_s: float = 2e-3,
+    bench: Bench, *, resistance: float, supply: float, flank_s: float = 0.6e-3
 ) -> Excitation:
     """Run the trapezoid, with flatter flanks until the bridge can make the flux.
 
@@ -128,8 +123,8 @@ def excite(
         The transient field computation.
     resistance, supply : float
         Of the coil [ohm], of the bridge [V].
-    flank_s, amplitude, plateau_s : float
-        First trapezoid, see `trapezoid`.
+    flank_s : float
+        Of the first trapezoid, see `trapezoid` [s].
 
     Returns
     -------
@@ -137,7 +132,7 @@ def excite(
         `reached` is False where even the last, 70 times longer flanks were too steep.
     """
     for tries in range(1, _TRIES + 1):
-        current = trapezoid(flank_s, amplitude, plateau_s)
+        current = trapezoid(flank_s, _AMPLITUDE_A, _PLATEAU_S)
         answer = bench(current)
         wanted = answer.flux[::SUB_STEPS]
         steps = current[:-1]

@@ -51,9 +51,7 @@ def cycle_truth(config: SimulationConfig, cycle: int) -> GainTruth:
     return GainTruth(commands, np.array(gains))
 
 
-def displacement_weighted_command(
-    position: FloatArray, inputs: FloatArray, *, push: tuple[float, ...] = (1.0, -1.0)
-) -> FloatArray:
+def displacement_weighted_command(position: FloatArray, inputs: FloatArray) -> FloatArray:
     """Return each command's mean over a cycle, weighted with the displacement it caused.
 
     The steady gain depends on the command; this is the command at which a gain estimated from the
@@ -63,19 +61,17 @@ def displacement_weighted_command(
     ----------
     position : (N,) array
         True position [1].
-    inputs : (N, M) array
-        Commands in force from each stamp on [1].
-    push : tuple of float
-        +1 for a command that raises the position, -1 for one that lowers it.
+    inputs : (N, 2) array
+        Inflow and outflow in force from each stamp on [1].
 
     Returns
     -------
-    (M,) array
+    (2,) array
         Mean command [1]; NaN where a command moved nothing.
     """
     moved = np.diff(position)
     means = np.full(inputs.shape[1], np.nan)
-    for j, sign in enumerate(push):
+    for j, sign in enumerate((1.0, -1.0)):
         command = inputs[:-1, j]
         weight = np.where(command > 0.0, np.maximum(sign * moved, 0.0), 0.0)
         if weight.sum() > 0.0:

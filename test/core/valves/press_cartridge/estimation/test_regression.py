@@ -11,7 +11,6 @@ from test.core.valves.press_cartridge.generator import Truth, generate_cycle, st
 from valve_twin.core.estimation.data.masks import find_masks
 from valve_twin.core.valves.press_cartridge.estimation.regression import (
     TERM_SETS,
-    common_rows,
     design,
     gram,
     mean_square_error,
@@ -108,7 +107,7 @@ def test_common_rows_are_usable_at_every_lag(moving):
     later = moving.stamp_ns + np.where(np.arange(60) >= 20, 90_000_000, 0)
     frames = replace(moving, stamp_ns=later)
     masks = masks_of(frames)
-    common = set(common_rows(frames, masks, 4))
+    common = set(usable_rows(frames, masks, 4))
     for lag in range(5):
         assert common <= set(usable_rows(frames, masks, lag))
 

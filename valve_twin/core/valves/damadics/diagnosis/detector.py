@@ -112,15 +112,13 @@ class Detector:
         return Alarms(_held(cause > 0.0), cause, pattern, found)
 
 
-def learn(signals: FloatArray, *, margin: float = MARGIN) -> Detector:
+def learn(signals: FloatArray) -> Detector:
     """Learn a detector from the official signals (N, 6) of a healthy record, best of a day.
 
     Parameters
     ----------
     signals : (N, 6) array
         Official signals [1].
-    margin : float
-        Limits beyond the extremes of the record, in standard deviations [1].
 
     Raises
     ------
@@ -132,10 +130,10 @@ def learn(signals: FloatArray, *, margin: float = MARGIN) -> Detector:
         raise ValueError(message)
     models = learn_models(signals[:MODEL_SAMPLES])
     seen = statistics(residuals(models, signals), signals)
-    return Detector(models, _limits(seen, margin))
+    return Detector(models, _limits(seen))
 
 
-def _limits(seen: Statistics, margin: float) -> Limits:
+def _limits(seen: Statistics) -> Limits:
     values = seen.values
     centre = np.nanmean(values[:COMMISSIONED], axis=0)
     base = _slid(values, centre)
@@ -155,9 +153,9 @@ def _limits(seen: Statistics, margin: float) -> Limits:
             limits.append(PATTERN_MARGIN**2 * float(far.max()))
     lower, upper = np.nanmin(values, axis=0), np.nanmax(values, axis=0)
     span = INPUT_MARGIN * (upper - lower)[-_INPUTS:]
-    beyond = margin * np.nanstd(values - base, axis=0)
+    beyond = MARGIN * np.nanstd(values - base, axis=0)
     lower, upper = lower - beyond, upper + beyond
-    beyond = margin * np.nanstd(jumps, axis=0)
+    beyond = MARGIN * np.nanstd(jumps, axis=0)
     jump_lower, jump_upper = np.nanmin(jumps, axis=0) - beyond, np.nanmax(jumps, axis=0) + beyond
     jump_lower[-_INPUTS:], jump_upper[-_INPUTS:] = -np.inf, np.inf
     lower[-_INPUTS:] -= span

@@ -101,9 +101,9 @@ def soft_stroke(
     return _told(plant, (speed, contact), course[:, 0], of.period, state), course
 
 
-def samples_of(numbers: LandingNumbers | None = None) -> int:
+def samples_of() -> int:
     """Return how many samples a stroke is followed."""
-    return round(_LASTS_S / (numbers or LandingNumbers()).period)
+    return round(_LASTS_S / LandingNumbers().period)
 
 
 def open_stroke(plant: HybridActuatorPlant, opens: bool) -> tuple[Stroke, FloatArray]:

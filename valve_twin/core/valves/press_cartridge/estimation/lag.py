@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.valves.press_cartridge.estimation.constraints import (
-    Inequalities,
     parse_inequalities,
     physical_inequalities,
 )
@@ -25,9 +24,9 @@ from valve_twin.core.valves.press_cartridge.estimation.regression import (
     TERM_SETS,
     TERMS,
     Gram,
-    common_rows,
     gram,
     mean_square_error,
+    usable_rows,
 )
 from valve_twin.kernels import njit
 
@@ -72,13 +71,7 @@ class LagScan:
     by_increments: bool = False
 
 
-def scan_lag(
-    frames: Frames,
-    masks: Masks,
-    *,
-    max_lag: int = MAX_LAG,
-    inequalities: Inequalities | None = None,
-) -> LagScan:
+def scan_lag(frames: Frames, masks: Masks, *, max_lag: int = MAX_LAG) -> LagScan:
     """Find the lag between command and position.
 
     Every lag is fitted on the same rows, so that the errors compare. The smallest of equal lags
@@ -92,14 +85,12 @@ def scan_lag(
         Its masks.
     max_lag : int
         Longest lag tried [samples].
-    inequalities : Inequalities, optional
-        Constraints on theta for the one-step error; paper 002, eq. (23) where omitted.
     """
     slow_sensor = masks.refresh_period > 1.0
     if slow_sensor:
         rows, before = _fresh_pairs(frames, masks, max_lag)
     else:
-        rows = before = common_rows(frames, masks, max_lag)
+        rows = before = usable_rows(frames, masks, max_lag)
     if len(rows) < MIN_ROWS:
         return _unknown(max_lag, f"{len(rows)} usable rows, {MIN_ROWS} needed", slow_sensor)
     commands = frames.inputs[int(before[0]) - max_lag : int(rows[-1]) + 1]
@@ -108,8 +99,7 @@ def scan_lag(
     if slow_sensor:
         mse = _increment_errors(frames, before, rows, max_lag)
     else:
-        limits = inequalities or physical_inequalities(extended=False)
-        mse = _one_step_errors(frames, rows, max_lag, limits)
+        mse = _one_step_errors(frames, rows, max_lag)
     if not np.isfinite(mse).all() or mse.max() <= 0.0:
         return _unknown(max_lag, "no lag could be fitted", slow_sensor)
     best = int(np.argmin(mse))
@@ -122,13 +112,11 @@ def _unknown(max_lag: int, reason: str, slow_sensor: bool) -> LagScan:
     return LagScan(-1, np.full(max_lag + 1, np.nan), float("nan"), reason, slow_sensor)
 
 
-def _one_step_errors(
-    frames: Frames, rows: IntArray, max_lag: int, inequalities: Inequalities
-) -> FloatArray:
-    """Mean squared one-step error of QP4 at each lag."""
+def _one_step_errors(frames: Frames, rows: IntArray, max_lag: int) -> FloatArray:
+    """Mean squared one-step error of QP4 at each lag, within paper 002, eq. (23)."""
     mse = np.full(max_lag + 1, np.nan)
     columns = [term - 1 for term in TERM_SETS["4"]]
-    limits = inequalities.part(columns)
+    limits = physical_inequalities(extended=False).part(columns)
     for lag in range(max_lag + 1):
         solution = solve_qp(gram(frames, rows, lag).part(TERM_SETS["4"]), limits)
         if solution.solved:

@@ -70,7 +70,7 @@ def usable_rows(frames: Frames, masks: Masks, lag: int, *, keep_stale: bool = Fa
     masks : Masks
         Its masks.
     lag : int
-        Command to position lag [samples].
+        Command to position lag [samples]; the rows can be used at each shorter one, too.
     keep_stale : bool
         Use the repeated values of a slow sensor as if they were measured, as the paper does:
         without them a sensor refreshed every second sample or slower leaves no row at all. A
@@ -88,21 +88,6 @@ def usable_rows(frames: Frames, masks: Masks, lag: int, *, keep_stale: bool = Fa
         rows,
     )
     return rows[:count]
-
-
-def common_rows(
-    frames: Frames, masks: Masks, max_lag: int, *, keep_stale: bool = False
-) -> IntArray:
-    """Return the rows usable at every lag from 0 on: (R,) int64.
-
-    Parameters
-    ----------
-    frames, masks, keep_stale : Frames, Masks, bool
-        Same as `usable_rows` takes.
-    max_lag : int
-        Longest lag [samples].
-    """
-    return usable_rows(frames, masks, max(2, max_lag), keep_stale=keep_stale)
 
 
 def design(frames: Frames, rows: IntArray, lag: int) -> tuple[FloatArray, FloatArray]:

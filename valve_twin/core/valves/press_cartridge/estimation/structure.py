@@ -26,27 +26,18 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.press_cartridge.estimation.free_run import Phases, Run, Solution
 
 
-@dataclass(frozen=True, slots=True)
-class StructureOptions:
-    """When one parameter is not enough.
+_MAX_DIFFERENCE = 0.1
+"""Largest difference of a gain on both sides of a split, relative to the gain [1], assumed."""
 
-    Attributes
-    ----------
-    max_difference : float
-        Largest difference of a gain on both sides of a split, relative to the gain [1], assumed.
-    max_pole_difference : float
-        Largest difference of the poles of both directions, to first order [1], assumed; a part of
-        a sample in the lag makes 0.4 on the simulated press, whose pole is thus not one parameter.
-    standard_errors : float
-        How many of them a difference must have to count [1], assumed.
-    min_share : float
-        Least share of the motion on each side of a split [1], assumed.
-    """
+_MAX_POLE_DIFFERENCE = 0.3
+"""Largest difference of the poles of both directions, to first order [1], assumed; a part of a
+sample in the lag makes 0.4 on the simulated press, whose pole is thus not one parameter."""
 
-    max_difference: float = 0.1
-    max_pole_difference: float = 0.3
-    standard_errors: float = 4.0
-    min_share: float = 0.15
+_STANDARD_ERRORS = 4.0
+"""How many of them a difference must have to count [1], assumed."""
+
+_MIN_SHARE = 0.15
+"""Least share of the motion on each side of a split [1], assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +58,6 @@ def check_structure(
     solution: Solution,
     ratio: float,
     v_max: float,
-    *,
-    options: StructureOptions | None = None,
 ) -> tuple[Guard, ...]:
     """Test whether directions, command levels and operating points share their parameters.
 
@@ -84,8 +73,6 @@ def check_structure(
         Its ratio of process to measurement noise variance [1].
     v_max : float
         Greatest command [1].
-    options : StructureOptions, optional
-        Limits.
 
     Returns
     -------
@@ -93,10 +80,9 @@ def check_structure(
         `value` is the difference relative to the gain (of the poles: itself), NaN where the cycle
         does not show it.
     """
-    options = options or StructureOptions()
     drives = _drives(phases, v_max)
     poles = _pole_drives(phases, drives, solution)
-    splits, undecided = _splits(run, phases, solution, poles, v_max, options)
+    splits, undecided = _splits(run, phases, solution, poles, v_max)
     if not splits:
         return tuple(undecided)
     base = np.flatnonzero(solution.linear > 0.0)
@@ -115,7 +101,7 @@ def check_structure(
         gram,
     )
     found = [
-        _judged(s, *_second_value(gram, len(columns), len(columns) + k, rows), options)
+        _judged(s, *_second_value(gram, len(columns), len(columns) + k, rows))
         for k, s in enumerate(splits)
     ]
     return (*found, *undecided)
@@ -149,7 +135,6 @@ def _splits(
     solution: Solution,
     poles: FloatArray,
     v_max: float,
-    options: StructureOptions,
 ) -> tuple[list[_Split], list[Guard]]:
     splits: list[_Split] = []
     undecided: list[Guard] = []
@@ -172,16 +157,16 @@ def _splits(
             at = _median(where, weight)
             upper = on & (where > at)
             share = float(weight[upper].sum()) / max(float(weight.sum()), 1e-300)
-            if not options.min_share <= share <= 1.0 - options.min_share or size <= 0.0:
+            if not _MIN_SHARE <= share <= 1.0 - _MIN_SHARE or size <= 0.0:
                 lies = f"{share:.0%} of the motion lies {text} {at:.2g}"
                 why = f"cannot be told: {lies if weight.any() else 'no motion this way'}"
-                undecided.append(Guard(title, True, np.nan, options.max_difference, why))
+                undecided.append(Guard(title, True, np.nan, _MAX_DIFFERENCE, why))
                 continue
             said = f"{name} {{}} {text} {at:.2g}"
             drive = np.where(upper, sign * command, 0.0)
-            splits.append(_Split(title, drive, size, options.max_difference, said))
+            splits.append(_Split(title, drive, size, _MAX_DIFFERENCE, said))
     if solution.pole > 0.0 and (solution.linear[[0, 2]] > 0.0).all():
-        title, limit = "structure: pole by direction", options.max_pole_difference
+        title, limit = "structure: pole by direction", _MAX_POLE_DIFFERENCE
         splits.append(_Split(title, poles[:, 1], 1.0, limit, "the pole {} in outflow"))
     return splits, undecided
 
@@ -216,12 +201,12 @@ def _second_value(gram: FloatArray, size: int, column: int, rows: int) -> tuple[
     return float(solution[-1] * scale[-1] / scale[column]), error
 
 
-def _judged(split: _Split, apart: float, error: float, options: StructureOptions) -> Guard:
+def _judged(split: _Split, apart: float, error: float) -> Guard:
     if not (np.isfinite(apart) and error > 0.0):
         reason = "cannot be told: no motion of its own on both sides"
         return Guard(split.name, True, np.nan, split.limit, reason)
     relative, ratio = apart / split.size, abs(apart) / error
-    passed = abs(relative) <= split.limit or ratio < options.standard_errors
+    passed = abs(relative) <= split.limit or ratio < _STANDARD_ERRORS
     unit = "" if split.size == 1.0 else " %"
     shown = f"{relative:+.2f}" if split.size == 1.0 else f"{100.0 * relative:+.1f}"
     said = split.text.format(f"differs by {shown}{unit}")

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
     from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import Rows
 
-_POLE, _PART = N_LINEAR, N_LINEAR + 1
 _LAST = N_LINEAR + 2
 _PASSES = 25
 _LARGEST_POLE, _LARGEST_PART = 0.2, 0.3  # steps at once [1, samples]
