@@ -62,13 +62,7 @@ from valve_twin.core.aging.verdict import (
     describe_remaining,
     held_back,
 )
-from valve_twin.core.diagnosis.changes.finding import (
-    CLOCK,
-    NOTHING,
-    Diagnosis,
-    clocks_beside,
-    lately_over,
-)
+from valve_twin.core.diagnosis.changes.finding import CLOCK, NOTHING, Diagnosis, clocks_beside
 from valve_twin.core.diagnosis.checks import begun_anew, failed_checks
 from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.diagnosis.refused import refused_lately
@@ -192,20 +186,17 @@ def assess(
             altered(without_forecast(t), reason=f"{t.reason}; no forecast: the clocks run apart")
             for t in trends
         )
-    newest = int(rows.cycle[-1]) if len(rows) else 0
     failed = failed_checks(past, begun_anew(maintenance))
-    over = lately_over(diagnosis, newest)
-    beside = (clocks_beside(diagnosis), over, diagnosis.against, failed)
     verdict = decide(
         trends,
         config,
         valve=valve,
         stamp_ns=int(rows.end_ns[-1]) if len(rows) else 0,
-        cycle=newest,
+        cycle=int(rows.cycle[-1]) if len(rows) else 0,
         fault=diagnosis.present,
         stale=refused_lately(past),
         doubt=diagnosis.doubt,
-        failed="; ".join(filter(None, beside)),
+        failed="; ".join(filter(None, (clocks_beside(diagnosis), diagnosis.against, failed))),
         since=_first_compared(ordered, maintenance),
     )
     verdict = held_back(verdict, diagnosis.departs, cycle=diagnosis.newest)
