@@ -256,6 +256,16 @@ class TestHonesty:
         assert "spool did not move" in text
         assert text.count("no cycle says anything about it") == 3
 
+    def test_a_cycle_without_an_estimate_counts_as_refused(self, example: ModuleType) -> None:
+        data = example.report_data()
+        last = data.trend_estimates[-1]
+        silent = dataclasses.replace(last, status=EstimateStatus.REFUSED, reason="no motion")
+        made = tuple(silent if e is last else e for e in data.estimates)
+        before = Structure(render_report(data)).text
+        after = Structure(render_report(dataclasses.replace(data, estimates=made))).text
+        count = re.compile(r"(\d+) refused")
+        assert int(count.findall(after)[0]) == int(count.findall(before)[0]) + 1
+
     def test_escapes_everything_that_comes_from_outside(self, data: ReportData) -> None:
         evil = '<script>alert("x")</script>&'
         made = dataclasses.replace(

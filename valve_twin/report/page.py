@@ -172,7 +172,8 @@ def _light(data: ReportData) -> Light:
 def _facts(data: ReportData) -> list[tuple[str, str, str]]:
     """Return what stands in large figures: name, value, remark."""
     totals = data.totals
-    refused, lost = totals.cycles - totals.accepted, totals.lost
+    silent = sum(e.status is EstimateStatus.REFUSED for e in data.trend_estimates)
+    refused, lost = totals.cycles - totals.accepted + silent, totals.lost
     facts = [("Cycles", count(totals.cycles), f"{count(refused)} refused")]
     used = [e for e in data.trend_estimates if e.status is not EstimateStatus.REFUSED]
     if used:

@@ -18,7 +18,13 @@ from markupsafe import Markup
 import valve_twin.gateway
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.verdict import Trend, TrendStatus, VerdictKind, decide, held_back
-from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Finding, describe_finding
+from valve_twin.core.diagnosis.changes.finding import (
+    UNKNOWN,
+    Diagnosis,
+    Finding,
+    describe_finding,
+    lately_over,
+)
 from valve_twin.core.diagnosis.table import BY_NAME, SHOWN_BY, partner
 from valve_twin.core.faults.advice import BY_VERDICT, FAULT_ADVICE
 from valve_twin.core.faults.kinds import FAULT_KINDS
@@ -186,6 +192,8 @@ def test_what_a_verdict_says_is_translated_with_its_figures():
     given = replace(next(trends()), reason="3 of 10 estimates since the segment began")
     said = [judged([t]).evidence for t in (given, *trends())]
     said += [describe_finding(found) for found in findings()]
+    over = [Diagnosis((replace(f, end=20),), 20, ready=True) for f in findings()]
+    said += [lately_over(found, 20) for found in over]
     said += [judged([t], fault=f).evidence
              for t, f in zip(trends(), findings(), strict=False)]  # fmt: skip
     said += [f"valve: {text}" for text in said]

@@ -23,8 +23,10 @@ from valve_twin.core.aging.drift import (
     present_segment,
     with_drift,
 )
+from valve_twin.core.aging.falls import at_one_command
 from valve_twin.core.aging.life import axis_rate
 from valve_twin.core.aging.limits.forecast import (
+    CERTAIN,
     SCALE,
     is_sure,
     past_limit,
@@ -62,7 +64,13 @@ from valve_twin.core.aging.verdict import (
     describe_remaining,
     held_back,
 )
-from valve_twin.core.diagnosis.changes.finding import CLOCK, NOTHING, Diagnosis, clocks_beside
+from valve_twin.core.diagnosis.changes.finding import (
+    CLOCK,
+    NOTHING,
+    Diagnosis,
+    clocks_beside,
+    lately_over,
+)
 from valve_twin.core.diagnosis.checks import begun_anew, failed_checks
 from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.diagnosis.refused import refused_lately
@@ -186,17 +194,20 @@ def assess(
             altered(without_forecast(t), reason=f"{t.reason}; no forecast: the clocks run apart")
             for t in trends
         )
+    newest = int(rows.cycle[-1]) if len(rows) else 0
     failed = failed_checks(past, begun_anew(maintenance))
+    over = lately_over(diagnosis, newest)
+    beside = (clocks_beside(diagnosis), over, diagnosis.against, failed)
     verdict = decide(
         trends,
         config,
         valve=valve,
         stamp_ns=int(rows.end_ns[-1]) if len(rows) else 0,
-        cycle=int(rows.cycle[-1]) if len(rows) else 0,
+        cycle=newest,
         fault=diagnosis.present,
         stale=refused_lately(past),
         doubt=diagnosis.doubt,
-        failed="; ".join(filter(None, (clocks_beside(diagnosis), diagnosis.against, failed))),
+        failed="; ".join(filter(None, beside)),
         since=_first_compared(ordered, maintenance),
     )
     verdict = held_back(verdict, diagnosis.departs, cycle=diagnosis.newest)
@@ -222,11 +233,18 @@ def _assess_parameter(
     memory: Memory,
 ) -> tuple[Trend, TrendDetail]:
     name = parameter.name
-    series, effects = without_conditions(
-        series_of(history, name), history.rows, maintenance, config, memory
+    rows = history.rows
+    series = at_one_command(
+        series_of(history, name),
+        rows,
+        parameter,
+        numbers,
+        first=config.reference_cycles,
+        memory=memory,
     )
+    series, effects = without_conditions(series, rows, maintenance, config, memory)
     series, changed = same_product(
-        series, history.rows, maintenance, config, numbers=numbers, memory=memory
+        series, rows, maintenance, config, numbers=numbers, memory=memory
     )
     pieces = cut(series, maintenance, config, memory)
     series = altered(series, values=series.values - pieces.wave)
@@ -239,7 +257,7 @@ def _assess_parameter(
     if not len(series.values):
         return altered(trend, reason="no accepted estimate yet"), detail
     if len(history.axis) > 1:
-        ends = history.rows.end_ns[-config.rate_cycles :]
+        ends = rows.end_ns[-config.rate_cycles :]
         trend = altered(trend, cycle_rate=axis_rate(history.axis, ends, len(ends)))
     trend, laws = _judge(
         trend, series, pieces, parts, lines, maintenance, config, confidence, parameter.resolution
@@ -323,7 +341,8 @@ def _judge(
     if limit.beyond:
         trend = past_limit(trend, held=bool(held.alarm))
     trend = altered(trend, limit_state=limit_state(trend, lost, held, config))
-    if (limit.beyond or trend.remaining_low < SOON) and not concern(trend, config):
+    within_doubt = limit.beyond or (trend.remaining_low < SOON and not trend.p_value < CERTAIN)
+    if within_doubt and not concern(trend, config):
         trend = without_forecast(trend)  # it may be reached now, and is not beyond doubt
     stop = stop_probability(trend, limit, straight, config, own=len(reference.weights) > 0)
     trend = altered(trend, next_stop_probability=stop)

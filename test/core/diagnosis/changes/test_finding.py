@@ -2,7 +2,13 @@
 # Copyright 2026 valve_twin maintainers
 """Clocks apart hide no fault: it is told first, and they beside it."""
 
-from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding, clocks_beside
+from valve_twin.core.diagnosis.changes.finding import (
+    LATELY,
+    Diagnosis,
+    Finding,
+    clocks_beside,
+    lately_over,
+)
 
 
 def finding(name, part, onset, end=-1):
@@ -35,3 +41,14 @@ def test_clocks_are_told_beside_a_fault_and_alone_by_the_verdict():
     beside = clocks_beside(Diagnosis((leak, clock), 40, ready=True))
     assert beside.startswith("beside it clocks of position and commands apart, by 300 ppm")
     assert clocks_beside(Diagnosis((clock,), 40, ready=True)) == ""
+
+
+def test_a_fault_that_is_over_is_told_for_a_while_where_none_lasts():
+    gone = finding("leak", "valve", 14, end=20)
+    older = finding("stiction", "valve", 3, end=9)
+    said = lately_over(Diagnosis((older, gone), 22, ready=True), 22)
+    assert said.startswith("a fault is over since cycle 20: leak of the chamber")
+    assert "since cycle 14" in said
+    assert lately_over(Diagnosis((gone,), 60, ready=True), 20 + LATELY) == ""
+    lasts = finding("stiction", "valve", 21)
+    assert lately_over(Diagnosis((gone, lasts), 22, ready=True), 22) == ""

@@ -15,6 +15,9 @@ CLOCK = "clock"
 UNKNOWN = "unknown"
 """Name of a change that is like no fault of the table."""
 
+LATELY = 40
+"""Cycles for which a fault that is over is told [1]: those that later ones are held against."""
+
 _LIKE_CLOCKS = frozenset({CLOCK, UNKNOWN, "aeration", "delay"})
 """What clocks apart look like by themselves: all comes later, and is like nothing known."""
 
@@ -132,3 +135,20 @@ def describe_finding(finding: Finding) -> str:
 def clocks_beside(diagnosis: Diagnosis) -> str:
     """Return that clocks run apart beside the fault that is told, or ""."""
     return f"beside it {describe_finding(diagnosis.clocks)}" if diagnosis.clocks else ""
+
+
+def lately_over(diagnosis: Diagnosis, cycle: int) -> str:
+    """Return the newest fault that came and went by itself a while ago, or "".
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        What the features say; a fault that lasts is told itself.
+    cycle : int
+        Number of the newest cycle.
+    """
+    over = [f for f in diagnosis.findings if f.end >= 0 and cycle - f.end < LATELY]
+    if diagnosis.present is not None or not over:
+        return ""
+    newest = max(over, key=lambda f: f.end)
+    return f"a fault is over since cycle {newest.end}: {describe_finding(newest)}"
