@@ -3,12 +3,13 @@
 """What is said about one valve at one time does not contradict itself, whatever its history."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from valve_twin.core.aging import AgingConfig, Threshold, TrendStatus, VerdictKind, assess
-from valve_twin.core.aging.verdict import Outlook, concern, describe_limit, outlook
+from valve_twin.core.aging.verdict import Outlook, concern, decide, describe_limit, outlook
 from valve_twin.core.faults.advice import NONE, NOW, advise
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Parameter
@@ -80,6 +81,21 @@ def test_ok_names_each_parameter_of_which_it_says_nothing(history, scatter):
     assert leak.drift_reference_upper_95 > 20.0
     assert f"; a limit of leak is within the doubt: {told}" in found.verdict.evidence
     assert "; nothing is said of lag: 5 of 10 estimates since" in found.verdict.evidence
+
+
+@pytest.mark.parametrize(("reach", "kind"), [
+    ((-5.0, 80.0), VerdictKind.NOT_ENOUGH_DATA), ((-15.0, 80.0), VerdictKind.OK),
+])  # fmt: skip
+def test_ok_is_not_said_where_a_limit_seems_to_be_passed(told, reach, kind):
+    """It was with a leak of +47.7 % (-0.9 .. +151.9) whose limit is 20 %."""
+    trend = next(t for _, t, v in told if t.status is TrendStatus.STEADY and not v.fault)
+    passed = replace(
+        trend, reference=1.0, threshold=1.2, drift_reference=30.0,
+        drift_reference_lower_95=reach[0], drift_reference_upper_95=reach[1],
+    )  # fmt: skip
+    said = decide([passed], AgingConfig(), valve="", stamp_ns=0, cycle=40)
+    assert said.kind is kind
+    assert said.evidence.startswith("perhaps beyond a limit: K_in +30.0 %") is (kind.value == 0)
 
 
 def test_nothing_is_said_to_last_for_no_time(told):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from valve_twin.core.diagnosis.direct.bounds import WEAK_SMALL
 from valve_twin.core.diagnosis.features import ESTIMATOR, NOISE
 from valve_twin.core.diagnosis.generic.reference import _PREFIX
 from valve_twin.core.diagnosis.generic.rig import ModelRig
@@ -115,6 +116,38 @@ def test_a_step_that_raised_no_alarm_is_told_beside_a_product_that_is_not_known(
     found = diagnose(history, ())
     assert not found.findings
     assert found.doubt.startswith("no reference: cycles 1 to 1")
+
+
+def test_a_step_of_a_product_is_told_where_another_is_made_since():
+    """It came to stay four cycles before the product changed: the other knows nothing else."""
+    table, kind = MODEL.signatures(), MODEL.feature_set
+    rng = np.random.default_rng(3)
+    rows = rng.multivariate_normal(np.zeros(len(kind.names)), table.covariance, 40)
+    change = next(s.change for s in table.signatures if s.fault == "preload")
+    rows[11:] += 6.0 * np.array(change)
+    history = [
+        replace(
+            estimate(c),
+            parameters=stored(kind, row),
+            end_ns=c * 30 * 10**9 + (25 if c < 16 else 28) * 10**9,
+        )
+        for c, row in enumerate(rows, 1)
+    ]
+    found = diagnose(history, ())
+    assert not found.findings
+    assert found.doubt.startswith("no reference: cycles 1 to 11 differ")
+    assert not diagnose(history, [Maintenance(0, 16, "")]).doubt
+
+
+@pytest.mark.parametrize(("value", "told"), [(0.0, ""), (0.7, "cycle 30 shows what no sound")])
+def test_what_no_sound_valve_shows_is_told_of_the_newest_cycle(value, told):
+    history = [estimate(c, noise=1e-4) for c in range(1, 31)]
+    weak = ParameterValue(WEAK_SMALL, value)
+    history[-1] = replace(history[-1], parameters=(*history[-1].parameters, weak))
+    found = diagnose(history, ())
+    assert not found.findings
+    assert found.odd.startswith(told) if told else not found.odd
+    assert not diagnose([*history, estimate(31, noise=1e-4)], ()).odd
 
 
 @pytest.mark.parametrize("fault", ["leak", "coil_resistance"])

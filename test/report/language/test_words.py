@@ -204,7 +204,10 @@ def test_what_a_verdict_says_is_translated_with_its_figures():
              for k in range(len(hidden))]  # fmt: skip
     fine = replace(given, status=TrendStatus.STEADY, threshold=0.02)
     said += [held_back(judged([fine]), off).evidence for off in (5.2, 1e3)]
-    assert all(text.startswith("not yet judged") for text in said[-2:])
+    odd = "cycle 7 shows what no sound valve does"
+    said += [held_back(judged([fine]), 0.0, odd=f"{odd} ({t})").evidence
+             for t in ("grown dead band", "freezing position sensor")]  # fmt: skip
+    assert all(text.startswith("not yet judged") for text in said[-4:])
     assert len(set(said)) > 300
     assert [text for text in said if not is_german(text)] == []
     text = "K_in -14.0 % of new (95 %: -15.0 .. -13.0), 6 cycles left (3 .. 9)"

@@ -210,7 +210,7 @@ def assess(
         failed="; ".join(filter(None, beside)),
         since=_first_compared(ordered, maintenance),
     )
-    verdict = held_back(verdict, diagnosis.departs, cycle=diagnosis.newest)
+    verdict = held_back(verdict, diagnosis.departs, cycle=diagnosis.newest, odd=diagnosis.odd)
     verdict = with_hidden(verdict, past)
     return Assessment(trends, verdict, tuple(detail for _, detail in results), diagnosis)
 

@@ -21,7 +21,7 @@ recording unusable  the newest cycles were all refused for what the signals are
 not enough data     the newest cycles were refused for another reason, or none gave an estimate,
                     or a label says that the cycles' order is no aging, or a parameter seems to be
                     beyond its threshold, but not beyond doubt, or the newest cycle departs from
-                those before it, and one more is to tell why
+                    those before it or shows what no sound valve does, and more are to tell why
 no reference        there are too few cycles to compare with, or the first ones differ from those
                     since, so that only another reference can tell which of them are right
 ok                  nothing has changed against the reference that the evidence names: without a
@@ -192,8 +192,10 @@ class Verdict:
     held_back: bool = False
 
 
-def held_back(verdict: Verdict, departs: float, *, cycle: int = 0) -> Verdict:
+def held_back(verdict: Verdict, departs: float, *, cycle: int = 0, odd: str = "") -> Verdict:
     """Return a verdict, no "ok" where the newest cycle departs from those before it.
+
+    Nor where it shows what no sound valve does, which more cycles must confirm.
 
     Parameters
     ----------
@@ -203,14 +205,15 @@ def held_back(verdict: Verdict, departs: float, *, cycle: int = 0) -> Verdict:
         How far it lies off them, 0 = it does not [standard deviations].
     cycle : int
         Its number, 0 = that of the verdict: newer ones may have shown nothing.
+    odd : str
+        What it shows that no sound valve does; empty where it shows nothing such.
     """
-    if verdict.kind is not VerdictKind.OK or not departs:
+    if verdict.kind is not VerdictKind.OK or not (departs or odd):
         return verdict
     far = f"{departs:.1f}" if departs < 100.0 else "over 100"
-    newest = f"not yet judged: cycle {cycle or verdict.cycle} lies {far} standard deviations off"
-    evidence = (
-        f"{newest} those before it, and one more tells whether that is a fault; {verdict.evidence}"
-    )
+    newest = f"cycle {cycle or verdict.cycle} lies {far} standard deviations off those before it"
+    why = f"{newest}, and one more tells" if departs else f"{odd}, and more cycles tell"
+    evidence = f"not yet judged: {why} whether that is a fault; {verdict.evidence}"
     kind = VerdictKind.NOT_ENOUGH_DATA
     return replace(verdict, kind=kind, text=kind.text, evidence=evidence, held_back=True)
 
@@ -243,6 +246,10 @@ def _covered(trend: Trend) -> tuple[float, ...]:
 
 SOON = 1.0
 """Remaining cycles or hours below which "not before" says nothing [axis unit]."""
+
+_BACK = 0.5
+"""Share of the way to a limit that a drift may lead away from it, within its doubt, while the
+limit seems to be passed [1], assumed."""
 
 _OWN_ONLY = (
     "unchanged since cycle {}, no claim that it was right then: no record from commissioning; "
@@ -324,7 +331,7 @@ def decide(
         kind, evidence, named = VerdictKind.VALVE, describe(worst[2]), worst[2].parameter
     elif doubt:
         kind, evidence = VerdictKind.NO_REFERENCE, doubt
-    elif beyond := [t for t in judged if t.status is TrendStatus.BEYOND_THRESHOLD]:
+    elif beyond := [t for t in judged if _may_be_beyond(t)]:
         kind = VerdictKind.NOT_ENOUGH_DATA
         evidence = f"perhaps beyond a limit: {describe(max(beyond, key=_share))}"
     else:
@@ -348,6 +355,16 @@ def _unsaid(trend: Trend) -> str:
     way = way_percent(trend.threshold, trend.reference)
     reach = f"{low:+.1f} .. {high:+.1f} of {way:+.3g} %"
     return f"a limit of {trend.parameter} is within the doubt: {reach}"
+
+
+def _may_be_beyond(trend: Trend) -> bool:
+    """Return whether a level is beyond its limit, though not beyond doubt.
+
+    Where a drift of half the way back is within the doubt, it tells nothing.
+    """
+    if trend.status is TrendStatus.BEYOND_THRESHOLD:
+        return True
+    return _share(trend) >= 1.0 and min(_covered(trend), default=-np.inf) > -_BACK
 
 
 def _all_commissioned(trends: Sequence[Trend]) -> bool:

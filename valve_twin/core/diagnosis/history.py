@@ -158,8 +158,9 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
     config = detection_of(model.feature_set)
     since = int(np.searchsorted(cycles, max(restarts, default=0)))
     anew = max(restarts, default=0) > settled.judged
+    first = anew or past.settled is None
     lately = product[product >= 0][-_LATELY:].tolist()
-    compared: list[tuple[IntArray, FloatArray]] = []
+    compared: list[tuple[IntArray, FloatArray, bool]] = []
     for number, own in _rows_of(product):
         of = known.of(number)
         steady = of.slips.taken_out(vectors[own], table)
@@ -184,7 +185,7 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
         doubt = doubt or next((why for _, why in then if why), "")
         if number == product[-1]:
             ready, far, newest = part.ready, part.departs, part.newest
-        if number in lately and (anew or past.settled is None):
+        if number in lately and first:
             kept = measure(cycles[own], part.findings, max(restarts, default=0), config)
             doubt = doubt or doubt_of(
                 cycles[own][kept],
@@ -193,7 +194,7 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
                 config,
                 others=None if any_valve else _others(vectors, product, number, config),
             )
-            compared += [] if any_valve else [(cycles[own], steady)]
+        compared += [(cycles[own], steady, number in lately)] if first and not any_valve else []
     known_since = slice(since, None)
     doubt = doubt or doubt_across(
         cycles[known_since], vectors[known_since], product[known_since], model.feature_set
@@ -207,7 +208,6 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
     before = [_until_maintained(f, cycles, restarts) for f in settled.findings]
     if not any(f.fault == CLOCK and f.end < 0 for f in before):
         start_s = np.asarray((shown.start_ns - shown.start_ns[0]) * 1e-9, np.float64)
-        first = anew or past.settled is None
         clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table, begins=first)
         found += [clock] if clock else []
     direct: list[Finding] = []
@@ -227,10 +227,16 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
         found, direct = found + new, direct + new
     found = [f for f in found if not _is_slip(f, past.apart)]
     every = (*before, *found)
-    doubt = _with_steps(
-        doubt if anew or past.settled is None else settled.doubt, compared, every, restarts, table
+    doubt = _with_steps(doubt if first else settled.doubt, compared, every, restarts, table)
+    diagnosis = Diagnosis(
+        every,
+        settled.cycles + len(cycles),
+        ready,
+        doubt,
+        far,
+        newest,
+        odd="" if any_valve else _odd(shown),
     )
-    diagnosis = Diagnosis(every, settled.cycles + len(cycles), ready, doubt, far, newest)
     return Searched(diagnosis, stopped, tuple(f for f in direct if f in diagnosis.findings))
 
 
@@ -319,18 +325,22 @@ def _text(finding: Finding) -> str:
 
 def _with_steps(
     doubt: str,
-    products: Sequence[tuple[IntArray, FloatArray]],
+    products: Sequence[tuple[IntArray, FloatArray, bool]],
     findings: Sequence[Finding],
     restarts: Sequence[int],
     table: SignatureTable,
 ) -> str:
-    """Return a doubt, or that the cycles of a product hold a step that no fault explains."""
+    """Return a doubt, or that the cycles of a product hold a step that no fault explains.
+
+    Of the `products` each is told whether it is made: a step of one that was made before it may
+    have come to stay, and the others know only what came after it.
+    """
     if doubt and not doubt.startswith(YET):  # which a stored reference may take back
         return doubt
     since = max(restarts, default=0)
-    for cycles, vectors in products:
+    for cycles, vectors, made in products:
         rows = unnamed(cycles, findings, since)
-        if why := doubt_of_step(cycles, vectors, table, rows=rows):
+        if why := doubt_of_step(cycles, vectors, table, rows=rows, made=made):
             return why
     return doubt
 
@@ -376,6 +386,16 @@ def _once_a_cycle(shown: Rows) -> Rows:
 def _direct_values(shown: Rows) -> FloatArray:
     """Return what shows faults without a signature, (N, 5)."""
     return np.column_stack([shown.value(n) for n in _DIRECT])
+
+
+def _odd(shown: Rows) -> str:
+    """Return what the newest cycle shows that no sound valve does, or ""."""
+    newest = shown.take(np.array([len(shown) - 1]))
+    faults = ("", "sensor_freeze", "", "sensor_offset", _WEAK)
+    values = zip(faults, np.nan_to_num(_direct_values(newest)[0]).tolist(), strict=True)
+    name = next((fault for fault, value in values if fault and value != 0.0), "")
+    what = f"cycle {int(newest.cycle[0])} shows what no sound valve does"
+    return f"{what} ({BY_NAME[name].text})" if name else ""
 
 
 def _until_over(finding: Finding, cycles: IntArray, values: FloatArray, judged: int) -> Finding:

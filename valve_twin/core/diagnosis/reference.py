@@ -56,6 +56,12 @@ _SUDDEN = 0.7
 _BESIDE = 3
 """Cycles on either side of a step that show it, and fewest that a step lies between."""
 
+_OFF_BENT = 4.0
+"""Standard deviations by which a step lies off aging that bends; set on strangers [1]."""
+
+_OFF_AGING = (5.0, 3.5)
+"""Those off aging that is straight and off one that bends, which are as much together [1]."""
+
 
 def measure(
     cycles: IntArray, findings: Sequence[Finding], since: int, config: DetectionConfig
@@ -162,6 +168,7 @@ def doubt_of_step(
     config: DetectionConfig | None = None,
     *,
     rows: IntArray | None = None,
+    made: bool = True,
 ) -> str:
     """Return that the cycles of one product hold a step that raised no alarm, or "".
 
@@ -182,6 +189,9 @@ def doubt_of_step(
         When to speak.
     rows : (M,) int array, optional
         Those that count, see `unnamed`: what lies behind others is no step of one cycle.
+    made : bool
+        Whether the product is made: of one that is not, no more cycles will come, so that fewer
+        must do.
 
     Returns
     -------
@@ -192,7 +202,7 @@ def doubt_of_step(
     rows = np.arange(len(cycles)) if rows is None else rows
     most = min(len(rows), config.learn + config.recent)
     behind = (np.flatnonzero(np.diff(rows) > 1) + 1).tolist()
-    for count in range(config.settled, most + 1):
+    for count in range(config.settled if made else _FEW, most + 1):
         apart = tuple(k for k in behind if k < count)
         first = _stepped(vectors[rows[:count]], table, config, apart)
         if first:
@@ -230,23 +240,25 @@ def _stepped(
         gap = (total[-1] - total[k]) / (count - k) - total[k] / k
         other = np.abs(jump[np.abs(at - k) >= _BESIDE]).max(axis=0, initial=0.0)
         sure = jump[i] * np.sign(gap) > np.maximum(_SUDDEN * np.abs(gap), BEYOND * other)
-        sure &= _off_line(shown, k) * np.sign(gap) > config.departs
+        straight, bent = _off_aging(shown, k) * np.sign(gap)
+        both = (straight > _OFF_AGING[0]) & (bent > _OFF_AGING[1])
+        sure &= (bent > _OFF_BENT) | both
         far = float(np.where(sure, np.abs(gap), 0.0).max()) * (k * (count - k) / count) ** 0.5
         if far > largest:
             largest, first = far, k
     return first
 
 
-def _off_line(shown: FloatArray, first: int) -> FloatArray:
-    """Return the step behind the first of (N, S) cycles off the parabola of all, (S,) [1].
+def _off_aging(shown: FloatArray, first: int) -> FloatArray:
+    """Return the step behind the first of (N, S) cycles off line and parabola of all, (2, S) [1].
 
     Aging may bend.
     """
     t = np.linspace(-1.0, 1.0, len(shown))
     bent, _ = np.linalg.qr(np.column_stack((np.ones_like(t), t, t**2)))
     step = np.asarray(np.arange(len(t)) >= first, np.float64)
-    step -= bent @ (bent.T @ step)
-    return np.asarray(step @ shown / (step @ step) ** 0.5)
+    off = np.stack([step - law @ (law.T @ step) for law in (bent[:, :2], bent)])
+    return np.asarray(off @ shown / np.linalg.norm(off, axis=1)[:, None])
 
 
 def _is_steady(

@@ -75,6 +75,9 @@ class Diagnosis:
         Number of that cycle, 0 = none showed anything.
     against : str
         What a stored reference says; empty where none is given.
+    odd : str
+        What the newest cycle shows that no sound one does, before more cycles confirm it; empty
+        where it shows nothing such.
     """
 
     findings: tuple[Finding, ...]
@@ -84,6 +87,7 @@ class Diagnosis:
     departs: float = 0.0
     newest: int = 0
     against: str = ""
+    odd: str = ""
 
     @property
     def present(self) -> Finding | None:
