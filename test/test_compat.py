@@ -84,3 +84,25 @@ def programmed(program):
     command = [sys.executable, "-c", program]
     root = Path(__file__).parents[1]
     return subprocess.run(command, check=True, capture_output=True, text=True, cwd=root).stdout
+
+
+def test_no_array_of_a_message_is_longer_than_it_and_all_together_are_bounded():
+    """Elements of nothing take no byte: 9 bytes of a message made lists of 16 GB."""
+    codec = pytest.importorskip("asyncua.ua.ua_binary", reason="needs the extra gateway")
+
+    def read(elements: int, more: bytes = b"") -> object:
+        data = b"\x80" + elements.to_bytes(4, "little") + more
+        return codec.variant_from_binary(codec.Buffer(data)).Value
+
+    compat.bound_arrays()
+    compat.bound_arrays(5)
+    try:
+        assert read(3, bytes(3)) == [None] * 3
+        with pytest.raises(codec.UaError, match="an array of 30000000 elements in a message of 5"):
+            read(30_000_000)
+        with pytest.raises(codec.UaError, match="an array of 6 elements in a message of 25 bytes"):
+            read(6, bytes(20))
+        doubles = codec.Buffer(b"\x8b" + (2).to_bytes(4, "little") + bytes(16))
+        assert codec.variant_from_binary(doubles).Value == [0.0, 0.0]
+    finally:
+        compat.bound_arrays()

@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 SWITCH_S = 2e-4
 """Longest time for which threads that compute keep the interpreter from the data path; 5 ms by
 default, once or more a cycle [s]."""
+
+MOST_ELEMENTS = 200_000
+"""Elements of all arrays of a message of OPC UA: twice what ten full queues send at once [1]."""
 
 
 def spare_imports() -> None:
@@ -322,6 +325,94 @@ def subscribing_of(subscription: Any) -> Any:
     takes a filter.
     """
     return subscription._subscribe
+
+
+def bound_arrays(most: int = MOST_ELEMENTS) -> None:
+    """Let the arrays of a message of OPC UA hold so many elements together, and none more than it.
+
+    asyncua makes the list that four bytes of a message claim before it looks at what follows, and
+    elements of the type Null take none: 9 bytes took 16 GB. No issue is known. Goes when it has
+    a limit.
+
+    Parameters
+    ----------
+    most : int
+        Elements [1].
+    """
+    codec: Any = import_module("asyncua.ua.ua_binary")
+    message, spent = b"", 0
+
+    def spend(data: Any) -> None:
+        nonlocal message, spent
+        if data._data is not message:
+            message, spent = data._data, 0
+        elements = codec.Primitives.Int32.unpack(data.copy(4))
+        spent += max(elements, 0)
+        if elements > len(data) or spent > most:
+            msg = f"an array of {elements} elements in a message of {len(message)} bytes"
+            raise codec.UaError(msg)
+
+    def bounded(make: Any) -> Any:
+        def made(*kind: Any) -> Any:
+            read = make(*kind)
+
+            def deserialize(data: Any) -> Any:
+                if isinstance(data, codec.Buffer):
+                    spend(data)
+                return read(data)
+
+            return deserialize
+
+        made.unbounded = make  # type: ignore[attr-defined]
+        return cache(made)
+
+    for name in ("_create_uatype_array_deserializer", "_create_list_deserializer"):
+        make = getattr(codec, name)
+        setattr(codec, name, bounded(getattr(make, "unbounded", make)))
+    codec._create_type_deserializer.cache_clear()
+    codec._create_dataclass_deserializer.cache_clear()
+
+
+def bound_messages(client: Any, most: int, tell: Callable[[str], None]) -> None:
+    """Let an OPC UA client keep so much of a message of its server, and end where that is more.
+
+    asyncua waits for what a header says, up to 4 GB, and for parts of a message as long as they
+    come; a server sets the limits of its client. No issue is known. Goes when a client has limits
+    of its own.
+
+    Parameters
+    ----------
+    client : asyncua.Client
+        Not connected yet.
+    most : int
+        Bytes of a message, and of a part of it.
+    tell : callable
+        Gets one line where a connection ends for it.
+    """
+    make = client.uaclient._make_protocol
+
+    def bounded() -> Any:
+        protocol = make()
+        limits, receive = protocol._connection._limits, protocol.data_received
+        grant = limits.update_client_limits
+
+        def granted(message: Any) -> None:
+            grant(message)
+            limits.max_recv_buffer = min(limits.max_recv_buffer or most, most)
+            limits.max_message_size = min(limits.max_message_size or most, most)
+
+        def received(data: bytes) -> None:
+            receive(data)
+            if len(protocol.receive_buffer or b"") > most and protocol.transport is not None:
+                tell(f"the server sends a message of more than {most} bytes")
+                protocol.receive_buffer = None
+                protocol.transport.abort()
+
+        limits.max_message_size = limits.max_recv_buffer = most
+        limits.update_client_limits, protocol.data_received = granted, received
+        return protocol
+
+    client.uaclient._make_protocol = bounded
 
 
 def leave(code: int) -> NoReturn:

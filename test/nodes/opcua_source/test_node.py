@@ -109,6 +109,16 @@ def test_overflows_are_told_again_after_a_restart(graph, plc):
         assert node.trigger_deactivate() == node.trigger_activate()
 
 
+def test_a_message_that_cannot_be_read_is_told_as_a_loss(graph, plc):
+    node = graph.host(OpcuaSourceNode, address=plc.address, tags=["position ns=1;s=tag0"])
+    graph.spin_until(lambda: node._subscription.figures.connected, what="the PLC")
+    node._subscription._said.lost, node._subscription._said.lost_why = 2, "cut short"
+    graph.spin_until(lambda: lost(node) == 2, what="a word")
+    (fault,) = (f for f in node.faults.faults() if f.kind.code == "input.loss")
+    assert "2 messages of the server cannot be read, whatever samples they" in fault.evidence
+    assert "cut short" in fault.evidence
+
+
 def test_what_a_short_queue_loses_is_counted_by_stamps_and_told_with_what_to_do(graph, capfd):
     plc, period_ms = Plc(free_port(), 2, queue=10, publishing_ms=1000.0), 20
     tags = ["position ns=1;s=tag0", "other ns=1;s=tag1"]

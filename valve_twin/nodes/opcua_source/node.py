@@ -46,7 +46,7 @@ class OpcuaSourceNode(ValveNode):
         self._publishers: list[Any] = []
         self._grids: list[Grid] = []
         self._diagnostics: Diagnostics | None = None
-        self._told_lost = 0
+        self._told_lost = self._told_unread = 0
         self._told_doubt = ""
 
     def configure(self) -> None:
@@ -85,7 +85,7 @@ class OpcuaSourceNode(ValveNode):
             self.create_publisher(kind, tag.topic, sending_profile()) for tag in self._tags
         ]
         self._grids = [Grid(given.period_s) for _ in self._tags]
-        self._told_lost = 0  # a subscription counts anew
+        self._told_lost = self._told_unread = 0  # a subscription counts anew
         server = Server(
             given.address,
             given.user,
@@ -149,6 +149,7 @@ class OpcuaSourceNode(ValveNode):
             "not heard (no connection)": sum(grid.unheard for grid in self._grids),
             "lost (queue of the server), at least": figures.overflows,
             "lost (this node too slow)": figures.dropped,
+            "messages that cannot be read": figures.unread,
             "repeated after a connection": sum(grid.repeated for grid in self._grids),
             "sent every [ms]": f"{figures.publishing_ms:g}",
             "clock of the PLC ahead [s]": f"{figures.ahead_s:.3f}",
@@ -168,8 +169,18 @@ class OpcuaSourceNode(ValveNode):
             report.raise_to(WARN, text)
         return [report]
 
+    def _tell_unread(self, figures: Figures, valve: str) -> None:
+        new, self._told_unread = figures.unread - self._told_unread, figures.unread
+        if new > 0:
+            evidence = (
+                f"{self._given.address}: {new} messages of the server cannot be read, whatever "
+                f"samples they held: {figures.unread_why}"
+            )
+            self.faults.report("input.loss", evidence, valve=valve, events=new)
+
     def _tell_lost(self, figures: Figures, valve: str) -> None:
         """Tell what was lost since the last time: by stamps, else what the server says."""
+        self._tell_unread(figures, valve)
         given = self._given
         lost = sum(grid.missing for grid in self._grids) if given.period_s else figures.overflows
         new, self._told_lost = lost - self._told_lost, lost

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import math
 import threading
 import time
@@ -15,7 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from valve_twin.compat import publishing_of, subscribing_of
+from valve_twin.compat import bound_arrays, bound_messages, publishing_of, subscribing_of
+from valve_twin.nodes.opcua_source.complaints import Complaints, one_line
 from valve_twin.nodes.opcua_source.tags import Sample, to_sample
 from valve_twin.nodes.opcua_source.terms import LEAST_MS, Granted, Terms
 
@@ -36,6 +36,12 @@ PART = 200
 
 MOST_WAITING = 1_000_000
 """Samples kept for the node; beyond it the oldest are lost and counted [1]."""
+
+MOST_MESSAGE_B = 4 * 2**20
+"""A server that sends more at once is let go: 100 000 samples, ten full queues [B]."""
+
+LEAST_CHANNEL_MS = 1000
+"""A channel that has to be made anew more often is none, assumed [ms]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +98,10 @@ class Figures:
         How often the server said that its queue lost values: one at least each time [1].
     dropped : int
         Samples that the node did not take in time [1].
+    unread : int
+        Messages of the server that nobody could read [1].
+    unread_why : str
+        Why not the last of them.
     ahead_s : float
         Stamp of the last good sample less our clock when it came; the first of a tag after a
         connection says nothing, it may be as old as its value [s].
@@ -105,6 +115,8 @@ class Figures:
     doubt: str = ""
     overflows: int = 0
     dropped: int = 0
+    unread: int = 0
+    unread_why: str = ""
     ahead_s: float = 0.0
 
 
@@ -183,24 +195,46 @@ class TagSubscription:
         self._ended = True
 
     def _run(self) -> None:
-        logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it is told by figures
-        asyncio.run(self._follow())
+        bound_arrays()
+        self._said = Complaints()
+        try:
+            asyncio.run(self._follow())
+        finally:
+            self._said.close()
 
     async def _follow(self) -> None:
+        asyncio.get_running_loop().set_exception_handler(self._said.of_loop)
         while not self._end:
+            self._said.why = ""
             try:
                 await self._subscribed()
             except Exception as err:  # whatever a server does: said, and tried again
-                self.figures.trouble = _line(err)
+                why = self._said.why
+                more = f": {why}" if why and why not in one_line(err) else ""
+                self.figures.trouble = one_line(err) + more
+            self._count_unread()
             self.figures.connected = False
             await self._pause(RETRY_S)
 
-    async def _subscribed(self) -> None:
-        from asyncua import Client, ua
+    def _count_unread(self) -> None:
+        self.figures.unread, self.figures.unread_why = self._said.lost, self._said.lost_why
+
+    def _note(self, why: str) -> None:
+        self._said.why = self._said.why or why
+
+    def _client(self) -> Any:
+        from asyncua import Client
 
         patience_s = 4.0 * TIMEOUT_S  # whether it is gone is judged here
         client = Client(self._server.address, patience_s, watchdog_intervall=patience_s)
         client.name = "valve_twin opcua_source"
+        bound_messages(client, MOST_MESSAGE_B, self._note)
+        return client
+
+    async def _subscribed(self) -> None:
+        from asyncua import ua
+
+        client = self._client()
         if self._server.folder:
             await _secure(client, Path(self._server.folder).expanduser())
         if self._server.user:
@@ -208,6 +242,7 @@ class TagSubscription:
             client.set_password(self._server.password)
         try:
             await asyncio.wait_for(client.connect(), 2.0 * TIMEOUT_S)
+            _check_granted(client)
             ids = [ua.NodeId.from_string(text) for text in self._nodes]
             self._numbers = {node: number for number, node in enumerate(ids)}
             self._heard.clear()
@@ -239,6 +274,7 @@ class TagSubscription:
             if self._ended or task is None or task.done():
                 msg = "the server ended the subscription"
                 raise ConnectionError(msg)
+            self._count_unread()
             before = self._count
             try:
                 await asyncio.wait_for(state.read_value(), TIMEOUT_S)
@@ -269,7 +305,8 @@ class TagSubscription:
             if result.StatusCode.is_good():
                 self.figures.unknown.pop(tag, None)
                 self._terms.queues[tag] = max(result.RevisedQueueSize, 1)
-                self._terms.samplings_ms[tag] = result.RevisedSamplingInterval
+                sampling_ms = result.RevisedSamplingInterval
+                self._terms.samplings_ms[tag] = sampling_ms if math.isfinite(sampling_ms) else 0.0
             else:
                 self.figures.unknown[tag] = result.StatusCode.name
         await self._hurry(client, subscription)
@@ -307,8 +344,8 @@ async def _secure(client: Any, folder: Path) -> None:
     await client.set_security(SecurityPolicyBasic256Sha256, str(certificate), str(key))
 
 
-def _line(err: Exception) -> str:
-    text = (str(err).strip().splitlines() or [""])[0]
-    if text.startswith("No matching endpoints"):
-        return f"{text}: the server takes none of this policy: set pki, or leave it out"
-    return f"{type(err).__name__}: {text}" if text else type(err).__name__
+def _check_granted(client: Any) -> None:
+    """Refuse a channel that no sound server grants."""
+    if client.secure_channel_timeout < LEAST_CHANNEL_MS:
+        msg = f"the server grants a channel of {client.secure_channel_timeout} ms"
+        raise ConnectionError(msg)

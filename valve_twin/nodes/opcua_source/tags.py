@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
@@ -116,14 +117,15 @@ def to_sample(tag: int, data: Any, *, first: bool = False) -> Sample:
     tag : int
         Which tag.
     data : DataValue
-        Value, status and stamps; Uncertain and Bad give NaN.
+        Value, status and stamps; Uncertain, Bad and infinite give NaN.
     first : bool
         Whether it is the first after a connection.
     """
     status = data.StatusCode
     good = status is None or status.is_good()
     raw = data.Value.Value if data.Value is not None else None
-    value = float(raw) if good and isinstance(raw, (bool, int, float)) else float("nan")
+    number = float(raw) if good and isinstance(raw, (bool, int, float)) else math.nan
+    value = number if math.isfinite(number) else math.nan
     stamps = (data.SourceTimestamp, data.ServerTimestamp)
     stamp = next((s for s in stamps if s is not None and s.year > _EPOCH.year), None)
     lost = status is not None and _overflowed(status.value)

@@ -18,6 +18,9 @@ may come late by the time of one, assumed [1]."""
 LEAST_MS = 1.0
 """No server is asked to send more often [ms]."""
 
+SHORTEST_MS, LONGEST_MS = 1e-3, 3_600_000.0
+"""A server that says it sends more or less often is none, assumed [ms]; 0 = as often as it can."""
+
 _MS = 1e3
 
 
@@ -112,11 +115,17 @@ class Granted:
     async def _updated(self, *given: Any) -> Any:
         return self._published(await self._update(*given))
 
-    async def _added(self, *given: Any) -> Any:
-        results = await self._add(*given)
+    async def _added(self, given: Any) -> Any:
+        results = await self._add(given)
+        if len(results) != len(given.ItemsToCreate):
+            msg = f"the server answers for {len(results)} tags of {len(given.ItemsToCreate)}"
+            raise ConnectionError(msg)
         self.items += results
         return results
 
     def _published(self, result: Any) -> Any:
         self.publishing_ms = result.RevisedPublishingInterval
+        if self.publishing_ms != 0.0 and not SHORTEST_MS <= self.publishing_ms <= LONGEST_MS:
+            msg = f"the server grants a publishing every {self.publishing_ms:g} ms"
+            raise ConnectionError(msg)
         return result
