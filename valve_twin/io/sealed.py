@@ -14,13 +14,15 @@ from typing import TYPE_CHECKING, Any
 from valve_twin.io.bags.file import sync_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
     from pathlib import Path
 
     import numpy as np
 
 _CANNOT = (errno.EINVAL, errno.ENOTSUP)
 """What a file system says that flushes no folder."""
+
+_DAMAGED = "it is damaged"
 
 
 def framed(head: object, arrays: Iterable[np.ndarray[Any, Any]]) -> bytes:
@@ -137,3 +139,34 @@ def unsealed(magic: bytes, whole: bytes) -> tuple[Any, bytes] | None:
         return None
     text, _, data = content.partition(b"\n")
     return json.loads(text), data
+
+
+def read_sealed(
+    path: Path, magic: bytes, refused: Callable[[str], Exception], stranger: str = _DAMAGED
+) -> tuple[Any, bytes] | None:
+    """Return the head and the bytes of the arrays of a sealed file, None where there is none.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    magic : bytes
+        The kind of file.
+    refused : callable
+        Makes what is raised where it cannot be used, from one line that says why.
+    stranger : str
+        Why one of another kind cannot.
+    """
+    try:
+        whole = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as err:
+        why = f"it cannot be read: {err.strerror}"
+        raise refused(why) from err
+    if not whole.startswith(magic):
+        raise refused(stranger)
+    content = unsealed(magic, whole)
+    if content is None:
+        raise refused(_DAMAGED)
+    return content

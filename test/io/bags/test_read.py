@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from test.bag_samples import write_sample
 from valve_twin.io.bags.definitions import definition
-from valve_twin.io.bags.read import BagWriter, bag_info, bag_types, read_signals, read_texts
+from valve_twin.io.bags.read import BagWriter, bag_info, bag_types, read_signals
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.errors import BagError, ConfigError
@@ -208,13 +208,6 @@ def test_says_what_a_bag_holds(small_bag):
 def test_gives_the_types_of_a_topic(small_bag):
     fields = bag_types(small_bag, "/press/command").fields(STAMPED_TYPE)
     assert list(fields) == ["header", "value"]
-
-
-def test_gives_texts_with_their_times(tmp_path):
-    text = JAZZY.types["std_msgs/msg/String"]
-    path = peer_bag(tmp_path / "bag", "std_msgs/msg/String", [(5, text("b")), (3, text("a"))])
-    assert read_texts(path, "/topic") == [(3, "a"), (5, "b")]
-    assert read_texts(path, "/other") == []
 
 
 # -- what cannot be read: one line with the file, the topic and what to do

@@ -7,8 +7,9 @@ import re
 import numpy as np
 import pytest
 
+from test.bag_samples import read_texts
 from valve_twin.core.types import CycleRule
-from valve_twin.io.bags.read import bag_info, read_signals, read_texts
+from valve_twin.io.bags.read import bag_info, read_signals
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.tables.csv_import import import_csv
 

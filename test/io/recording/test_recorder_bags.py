@@ -5,7 +5,8 @@
 import pytest
 from mcap.reader import make_reader
 
-from valve_twin.io.bags.read import bag_info, bag_types, read_signals, read_texts
+from test.bag_samples import read_texts
+from valve_twin.io.bags.read import bag_info, bag_types, read_signals
 from valve_twin.io.cdr.bag_types import BagTypes
 from valve_twin.io.cdr.signals import SignalSource
 from valve_twin.io.errors import BagError

@@ -5,7 +5,8 @@ import gzip
 import numpy as np
 import pytest
 
-from valve_twin.io.bags.read import bag_info, read_signals, read_texts
+from test.bag_samples import read_texts
+from valve_twin.io.bags.read import bag_info, read_signals
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.errors import BagError, ConfigError

@@ -14,7 +14,7 @@ from valve_twin.io.bags.folder import bag_files
 from valve_twin.io.cdr.bag_types import BagTypes
 from valve_twin.io.cdr.message_types import known_type_name
 from valve_twin.io.errors import BagError, IndexLiesError
-from valve_twin.io.mcap.reader import McapFile, messages
+from valve_twin.io.mcap.reader import McapFile
 from valve_twin.io.salvage.read import known, salvage
 
 if TYPE_CHECKING:
@@ -206,30 +206,6 @@ def missing_topic(path: str | Path, topic: str, what: str, names: Sequence[str])
     hint = suggest(topic, names)
     there = f" there are {', '.join(names)}" if hint.startswith("did you") else ""
     return BagError(f"{path}: topic '{topic}'{what} is not in the bag; {hint}{there}")
-
-
-def read_texts(path: str | Path, topic: str) -> list[tuple[int, str]]:
-    """Return log times [ns] and texts of a std_msgs/msg/String topic; empty if it is not there.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be read.
-    """
-    found: list[tuple[int, str]] = []
-    names, _ = bag_files(path)
-    with ExitStack() as stack:
-        for name in names:
-            file = open_file(name, stack)
-            for channel in file.summary.channels.values():
-                if topic_name(channel.topic) != topic:
-                    continue
-                types = channel_types(file, channel)
-                for chunk in file.summary.chunks:
-                    for message in messages(file.chunk(chunk), {channel.id}):
-                        decoded = types.decode(message.data, message.log_ns)
-                        found.append((message.log_ns, str(decoded.data)))
-    return sorted(found)
 
 
 def compare_with_data(path: str | Path) -> None:

@@ -13,7 +13,6 @@ from valve_twin.io.bags.contents import (
     TopicInfo,
     bag_info,
     bag_types,
-    read_texts,
     topic_name,
 )
 from valve_twin.io.bags.folder import bag_files
@@ -32,6 +31,5 @@ __all__ = [
     "bag_types",
     "read_columns",
     "read_signals",
-    "read_texts",
     "topic_name",
 ]

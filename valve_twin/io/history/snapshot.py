@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
-from functools import cache
+from functools import cache, partial
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ from valve_twin.core.estimation.cycle.sequence import InForce, memory_from_histo
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Cycle, Frames
 from valve_twin.io.errors import StoreError
-from valve_twin.io.sealed import framed, seal, unsealed, write_sealed
+from valve_twin.io.sealed import framed, read_sealed, seal, unsealed, write_sealed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -130,17 +130,10 @@ def load_snapshot(
     StoreError
         If it cannot be used; one line that says why.
     """
-    try:
-        whole = path.read_bytes()
-    except FileNotFoundError:
-        return None
-    except OSError as err:
-        raise _refused(path, f"it cannot be read: {err.strerror}") from err
-    if not whole.startswith(_MAGIC):
-        raise _refused(path, "it is no snapshot of a twin")
-    content = unsealed(_MAGIC, whole)
+    refused = partial(_refused, path)
+    content = read_sealed(path, _MAGIC, refused, "it is no snapshot of a twin")
     if content is None:
-        raise _refused(path, "it is damaged")
+        return None
     head, data = content
     if head.get("layout") != _layout():
         raise _refused(path, _MEANING["software"])

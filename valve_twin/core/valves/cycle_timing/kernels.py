@@ -10,6 +10,9 @@ search and the spike's rise nothing flows; what follows decays exponentially to 
          = steady                                      steady start <= t < steady end
 
 Elsewhere in the cycle nothing is predicted. The structure is assumed.
+
+Its loop is its own, not `kit.prediction`: that one follows a measured output and starts at gaps;
+this one needs to be told of a new cycle and measures nothing.
 """
 
 from __future__ import annotations

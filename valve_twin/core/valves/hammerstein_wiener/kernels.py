@@ -10,6 +10,9 @@ A command acts through four blocks, each of which may be missing::
     y[n] = curve_out(x[n])                                         piecewise linear, rising
 
 Without rates (0) x = q. The curves have knots at equal distances and go on straight beyond them.
+
+The loop of the prediction is its own, not `kit.prediction`: there a free run begins as a copy of
+the run that follows the output; here as that moved to the output, which the run itself is not.
 """
 
 from __future__ import annotations

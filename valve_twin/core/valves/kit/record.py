@@ -77,6 +77,25 @@ def whole_refusal(cycle: Cycle, known: BoolArray, least: int, why: str) -> str:
     return Refusal(RefusalCode.GAPS, f"{gaps} gaps: {why}") if gaps else ""
 
 
+def rest_refusal(what: str, values: FloatArray, least: float) -> str:
+    """Return why values show no motion, empty if they do.
+
+    Parameters
+    ----------
+    what : str
+        What moved, with {} for how far.
+    values : (N,) array
+        At least one usable value [unit of the signal].
+    least : float
+        Option `min_motion`: how far they lie apart at least [unit of the signal].
+    """
+    span = float(np.ptp(values))
+    if not span < least:
+        return ""
+    text = f"{what.format(f'{span:.3g}')}, less than min_motion {least:g}"
+    return Refusal(RefusalCode.NO_MOTION, text)
+
+
 def longest_stretch(frames: Frames, period_s: float) -> Frames:
     """Return the longest stretch without a gap of at least one sample, at a period [s]."""
     edges = np.concatenate(

@@ -15,7 +15,7 @@ from valve_twin.core.estimation.data.noise import rest_noise
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import MaskCounts
-from valve_twin.core.valves.kit.record import held
+from valve_twin.core.valves.kit.record import held, rest_refusal
 from valve_twin.core.valves.positioner.fit import Record
 from valve_twin.core.valves.positioner.kernels import MAX_LAG
 
@@ -137,11 +137,10 @@ def _refusal(record: Record, max_lag: int, options: PositionerOptions) -> str:
     if n < least:
         text = f"{n} usable samples without a gap, fewer than the {least} a fit needs"
         return Refusal(RefusalCode.FEW_SAMPLES, text)
-    span = float(np.ptp(record.position[record.used]))
-    wanted = options.min_motion
-    if span < wanted:
-        text = f"the position moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
-        return Refusal(RefusalCode.NO_MOTION, text)
+    position = record.position[record.used]
+    rests = rest_refusal("the position moved by {} of the stroke", position, options.min_motion)
+    if rests:
+        return rests
     if float(np.ptp(record.command)) == 0.0:
         text = f"the command stayed at {record.command[0]:.3g}: the cycle excites nothing"
         return Refusal(RefusalCode.NOT_EXCITED, text)

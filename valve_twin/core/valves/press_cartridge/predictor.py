@@ -10,7 +10,8 @@ the command is interpolated) and a leak that acts off the lower seat only:
     x[n] = clip(x[n-1] + d[n], lower seat, upper seat),        then d[n] = x[n] - x[n-1]
 
 The kernel carries everything it knows in its state, so a stream gives the same bits however it is
-cut into blocks.
+cut into blocks. Its loop is its own, not `kit.prediction`: there a free run begins as a copy of
+the run that follows the output; here it begins at rest at the output, while that one moves on.
 """
 
 from __future__ import annotations

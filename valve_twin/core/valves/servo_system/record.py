@@ -11,6 +11,7 @@ import numpy as np
 
 from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.core.refusal import Refusal, RefusalCode
+from valve_twin.core.valves.kit.record import rest_refusal
 from valve_twin.core.valves.servo_system.plant_kernel import INPUTS
 
 if TYPE_CHECKING:
@@ -110,11 +111,7 @@ def take_record(cycle: Cycle) -> tuple[Record | None, str]:
 def excitation_of(record: Record, options: ServoSystemOptions) -> str:
     """Return why a record shows nothing, empty if it moves enough."""
     y = record.measured[record.weight[:, 0] > 0.0, 0]
-    span, wanted = float(np.ptp(y)), options.min_motion
-    if span < wanted:
-        text = f"the piston moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
-        return Refusal(RefusalCode.NO_MOTION, text)
-    return ""
+    return rest_refusal("the piston moved by {} of the stroke", y, options.min_motion)
 
 
 def _refusal(usable: BoolArray, wanted: BoolArray) -> str:

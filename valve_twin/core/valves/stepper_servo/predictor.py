@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Compiled prediction of the stepper valve: thread with backlash, or Hammerstein-Wiener model."""
+"""Compiled prediction of the stepper valve: thread with backlash, or Hammerstein-Wiener model.
+
+Its loop is its own, not `kit.prediction`: that one counts samples from the first usable one on,
+this one from the first of the record, so that the bits of a record that begins badly differ.
+"""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.refusal import Refusal, RefusalCode
-from valve_twin.core.valves.kit.record import held, longest_stretch
+from valve_twin.core.valves.kit.record import held, longest_stretch, rest_refusal
 from valve_twin.core.valves.stepper_servo.fit import Record
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG
 
@@ -41,11 +41,10 @@ def refusal_of(record: Record, options: StepperServoOptions) -> str:
     if usable < _LEAST_SAMPLES:
         text = f"{usable} usable samples without a gap, fewer than the {_LEAST_SAMPLES} needed"
         return Refusal(RefusalCode.FEW_SAMPLES, text)
-    span = float(np.ptp(record.position[record.used]))
-    wanted = options.min_motion
-    if span < wanted:
-        text = f"the position moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
-        return Refusal(RefusalCode.NO_MOTION, text)
+    position = record.position[record.used]
+    rests = rest_refusal("the position moved by {} of the stroke", position, options.min_motion)
+    if rests:
+        return rests
     if float(np.ptp(record.motor)) == 0.0:
         text = f"motor_position stayed at {record.motor[0]:.3g}: the cycle excites nothing"
         return Refusal(RefusalCode.NOT_EXCITED, text)

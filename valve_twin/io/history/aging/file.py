@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import secrets
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.past.stored import thaw
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.restart import build_of
-from valve_twin.io.sealed import framed, unsealed, write_sealed
+from valve_twin.io.sealed import framed, read_sealed, write_sealed
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -142,15 +143,9 @@ def load(path: Path, origin: dict[str, Any], config: AgingConfig) -> Known | Non
     StoreError
         If it is not used; one line that says why.
     """
-    try:
-        whole = path.read_bytes()
-    except FileNotFoundError:
-        return None
-    except OSError as err:
-        raise _refused(path, f"it cannot be read: {err.strerror}") from err
-    content = unsealed(_MAGIC, whole)
+    content = read_sealed(path, _MAGIC, partial(_refused, path))
     if content is None:
-        raise _refused(path, "it is damaged")
+        return None
     head, data = content
     for name, wanted in origin.items():
         if head["origin"].get(name) != wanted:
