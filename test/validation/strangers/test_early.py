@@ -18,6 +18,15 @@ def test_sisters_without_features_make_no_reference(monkeypatch):
     assert found.score.shares == {"sisters make a reference": [0, 1]}
 
 
+def test_a_campaign_with_references_runs_and_counts_each_press(monkeypatch):
+    monkeypatch.setattr(early, "family", lambda seed, sisters: seed)
+    monkeypatch.setattr(early, "judge", lambda presses, setup: presses)
+    told = []
+    met = early.meet_families([3, 5], setup_of(None), sisters=2, advance=lambda: told.append(1))
+    assert list(met) == [3, 5]
+    assert told == [1, 1]
+
+
 @pytest.mark.parametrize("sisters", ["three sisters", "eight sisters"])
 def test_the_table_is_of_the_frozen_seeds_and_no_worse_than_without(root, sisters):
     path = root / "docs" / "campaigns" / "strangers_reference.json"

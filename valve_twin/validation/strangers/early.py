@@ -25,7 +25,7 @@ from valve_twin.validation.strangers.sisters import JUDGED_CYCLES, family
 from valve_twin.validation.strangers.watch import MODEL, estimated
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from valve_twin.core.aging import Assessment
     from valve_twin.core.diagnosis.given.reference import FeatureReference, Seen
@@ -81,7 +81,13 @@ class FirstCycles:
     why: Counter[str] = field(default_factory=Counter)
 
 
-def meet_families(chosen: Sequence[int], setup: Setup, *, sisters: int) -> Iterator[FirstCycles]:
+def meet_families(
+    chosen: Sequence[int],
+    setup: Setup,
+    *,
+    sisters: int,
+    advance: Callable[[], None] = lambda: None,
+) -> Iterator[FirstCycles]:
     """Judge the first cycles of the presses of some seeds, one by one.
 
     Parameters
@@ -92,9 +98,12 @@ def meet_families(chosen: Sequence[int], setup: Setup, *, sisters: int) -> Itera
         How the twin is configured.
     sisters : int
         Of how many sisters a reference is made [1].
+    advance : callable
+        Called after each.
     """
     for seed in chosen:
         yield judge(family(seed, sisters), setup)
+        advance()
 
 
 def judge(presses: Family, setup: Setup) -> FirstCycles:
