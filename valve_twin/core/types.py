@@ -236,11 +236,10 @@ class Parameter:
     ----------
     name, unit, description : str
         Name as published, SI unit ("1" = dimensionless), one line with the source.
-    lower, upper, trend : float, float, bool
-        Physical bounds [unit of the parameter]; whether the aging monitor follows it by default.
-    resolution : float
-        What a fit leaves that does not average out over cycles [unit of the parameter]; the
-        intervals of a drift are wider by it on both sides.
+    lower, upper, trend, resolution : float, float, bool, float
+        Physical bounds, whether aging follows it, by what a drift is wider on both sides [unit].
+    fall : tuple of str
+        Its change over the command, and where it is given: names (`core.aging.cutting.falls`).
     """
 
     name: str
@@ -250,6 +249,7 @@ class Parameter:
     upper: float = np.inf
     trend: bool = False
     resolution: float = 0.0
+    fall: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ import numpy as np
 from valve_twin.core.aging.altered import altered
 from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.covariates import describe_effects, without_conditions
+from valve_twin.core.aging.cutting.falls import at_one_command
 from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.aging.drift import (
     find_reference,
@@ -25,6 +26,7 @@ from valve_twin.core.aging.drift import (
 )
 from valve_twin.core.aging.life import axis_rate
 from valve_twin.core.aging.limits.forecast import (
+    CERTAIN,
     SCALE,
     is_sure,
     past_limit,
@@ -231,11 +233,18 @@ def _assess_parameter(
     memory: Memory,
 ) -> tuple[Trend, TrendDetail]:
     name = parameter.name
-    series, effects = without_conditions(
-        series_of(history, name), history.rows, maintenance, config, memory
+    rows = history.rows
+    series = at_one_command(
+        series_of(history, name),
+        rows,
+        parameter,
+        numbers,
+        first=config.reference_cycles,
+        memory=memory,
     )
+    series, effects = without_conditions(series, rows, maintenance, config, memory)
     series, changed = same_product(
-        series, history.rows, maintenance, config, numbers=numbers, memory=memory
+        series, rows, maintenance, config, numbers=numbers, memory=memory
     )
     pieces = cut(series, maintenance, config, memory)
     series = altered(series, values=series.values - pieces.wave)
@@ -248,7 +257,7 @@ def _assess_parameter(
     if not len(series.values):
         return altered(trend, reason="no accepted estimate yet"), detail
     if len(history.axis) > 1:
-        ends = history.rows.end_ns[-config.rate_cycles :]
+        ends = rows.end_ns[-config.rate_cycles :]
         trend = altered(trend, cycle_rate=axis_rate(history.axis, ends, len(ends)))
     trend, laws = _judge(
         trend, series, pieces, parts, lines, maintenance, config, confidence, parameter.resolution
@@ -332,7 +341,8 @@ def _judge(
     if limit.beyond:
         trend = past_limit(trend, held=bool(held.alarm))
     trend = altered(trend, limit_state=limit_state(trend, lost, held, config))
-    if (limit.beyond or trend.remaining_low < SOON) and not concern(trend, config):
+    within_doubt = limit.beyond or (trend.remaining_low < SOON and not trend.p_value < CERTAIN)
+    if within_doubt and not concern(trend, config):
         trend = without_forecast(trend)  # it may be reached now, and is not beyond doubt
     stop = stop_probability(trend, limit, straight, config, own=len(reference.weights) > 0)
     trend = altered(trend, next_stop_probability=stop)

@@ -29,6 +29,10 @@ SIGNIFICANCE = 0.002
 """Error probability of a drift that gives the remaining life an upper limit [1], assumed;
 stricter than `AgingConfig.significance`, since every cycle tests anew."""
 
+CERTAIN = 1e-6
+"""Error probability of a drift that is told though, the reference being in doubt, the limit may
+be reached already [1], assumed."""
+
 STEADY = 0.5
 """Probability that a parameter does not drift, before any value is seen [1], assumed."""
 

@@ -30,6 +30,7 @@ PARAMETERS = (
         f"steady inflow gain theta_2/(-theta_1) at v_in_mean, {_GAIN}",
         0.0,
         trend=True,
+        fall=("K_in_slope", "v_in_mean"),
     ),
     Parameter(
         "K_in_slope",
@@ -46,6 +47,7 @@ PARAMETERS = (
         f"steady outflow gain -(theta_3 + theta_5 v)/(-theta_1) at v_ref, {_GAIN}",
         0.0,
         trend=True,
+        fall=("K_out_slope",),
     ),
     Parameter(
         "K_out_slope",
