@@ -25,14 +25,16 @@ from pysparkplug import DataType, Metric, NCmd
 
 from test.gateway.mqtt.brokers import GROUP, NODE, Broker, Listener, wait_until
 from test.gateway.test_web import HOSTILE, store
+from test.io.history.test_fleet import estimate, record
 from valve_twin.cli import main
 from valve_twin.gateway.mqtt.broker import Broker as BrokerOfOurs
-from valve_twin.gateway.mqtt.face import MqttFace
+from valve_twin.gateway.mqtt.face import LARGEST_HEARD, MqttFace
 from valve_twin.gateway.mqtt.names import device_id
 from valve_twin.gateway.mqtt.plain import JsonSpeaker
 from valve_twin.gateway.plain import plain_valve, plain_words
 from valve_twin.gateway.view import LastCycle, NodeFault, View
 from valve_twin.io.history.fleet import FleetRow
+from valve_twin.io.history.store import History
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -192,6 +194,18 @@ def test_no_stored_cycle_is_lost_over_outages_of_broker_and_server(
     assert all(old for cycle, old in heard if (cycle - 60) % 70)
     numbers = [h.values["bdSeq"] for h in listener.of("NBIRTH")]
     assert len(set(numbers)) == len(numbers)
+
+
+def test_a_stored_cycle_that_is_large_is_delivered_once(broker, listener, history, tmp_path):
+    server = Server(history, broker.address, tmp_path / "state.json")
+    wait_until(lambda: listener.of("DBIRTH", "press.worn"), "a birth")
+    with History(history) as opened:
+        for cycle in (61, 62):
+            told = replace(estimate(cycle, {"K_in": 0.0075}), reason=f"{cycle}" * LARGEST_HEARD)
+            opened.store("/press/worn", record(cycle), (told,))
+    wait_until(partial(is_known, tmp_path / "state.json", 62), "the cycles")
+    server.end()
+    assert [cycle for cycle, _ in listener.cycles("press.worn")] == [61, 62]
 
 
 def test_plain_json_is_retained_and_says_when_nobody_speaks_any_more(

@@ -63,6 +63,9 @@ class Speaker:
         self.heard_of.append((topic, payload))
         return False
 
+    def awaits(self, payload):
+        del payload
+
     def farewell(self):
         return [Message("death", b"")]
 
@@ -144,11 +147,16 @@ def test_what_is_retained_delivers_nothing():
     assert "death" not in client.said
 
 
+def nothing(payload: bytes) -> None:
+    """Await nothing."""
+    del payload
+
+
 def test_what_nobody_reads_is_not_kept_without_end(monkeypatch):
     monkeypatch.setattr(face, "MOST_HEARD", 3)
     events: queue.Queue[face._Event] = queue.Queue()
     for _ in range(9):
-        face._hear(events, HEARD)
+        face._hear(events, HEARD, nothing)
     assert events.qsize() == 3
 
 
@@ -161,13 +169,13 @@ def message(payload: bytes, topic=b"spBv1.0/g/DDATA/n/a"):
 def test_large_messages_of_others_take_no_memory_and_topics_that_are_no_text_harm_nobody():
     events: queue.Queue[face._Event] = queue.Queue()
     for n in range(20_000):
-        face._hear(events, message(bytes(face.LARGEST_HEARD if n % 2 else 10)))
+        face._hear(events, message(bytes(face.LARGEST_HEARD if n % 2 else 10)), nothing)
     kept = [len(given.payload) for _, given in events.queue]
     assert len(kept) == face.MOST_HEARD
     assert sum(kept) < 80_000_000
     events = queue.Queue()
-    face._hear(events, message(bytes(face.LARGEST_HEARD + 1)))
-    face._hear(events, message(b"1", b"spBv1.0/g/DDATA/n/\xff"))
+    face._hear(events, message(bytes(face.LARGEST_HEARD + 1)), nothing)
+    face._hear(events, message(b"1", b"spBv1.0/g/DDATA/n/\xff"), nothing)
     assert events.empty()
 
 

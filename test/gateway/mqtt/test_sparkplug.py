@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 import json
+import queue
 import random
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -195,3 +197,31 @@ def test_what_others_say_on_our_topics_is_none_of_ours_and_takes_no_memory(speak
         assert not speaker.heard(topic, bytes(changed[: rng.randrange(1, 400)]))
     assert peak_mb() - before_mb < 50.0
     assert len(speaker._sent) == len(sent)
+
+
+def test_a_large_cycle_of_ours_is_known_as_it_comes_back_and_takes_no_memory(tmp_path):
+    """Dropped as too large, it was sent again for ever, and all cycles behind it with it."""
+    past = Past(a=3)
+    reason = "x" * (4 * face.LARGEST_HEARD)
+
+    def read(valve, first, limit):
+        return [replace(e, reason=reason) for e in past.read(valve, first, limit)]
+
+    (tmp_path / "state").write_text('{"of": "a broker", "birth": 0, "valves": {}}')
+    speaker = SparkplugSpeaker("group", "node", Backlog(tmp_path / "state", read, "a broker"))
+    speaker.will()
+    speaker.born(past.view())
+    sent = speaker.missed(past.view())
+    events: queue.Queue[face._Event] = queue.Queue()
+    forget_peak()
+    before_mb = peak_mb()
+    for message in sent * 100:  # whoever repeats them
+        for content in (bytes(bytearray(message.payload)), bytes(len(message.payload))):
+            back = SimpleNamespace(topic=message.topic, payload=content)
+            face._hear(events, back, speaker.awaits)
+    assert peak_mb() - before_mb < 20.0
+    for _, given in list(events.queue):
+        speaker.heard(given.topic, given.payload)
+    speaker.farewell()
+    speaker.backlog.close()
+    assert json.loads((tmp_path / "state").read_text())["valves"] == {"a": 3}

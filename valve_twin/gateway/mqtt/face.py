@@ -47,7 +47,7 @@ MOST_HEARD = 10_000
 """Messages that wait to be read; what comes beyond is dropped: our own data are sent again [1]."""
 
 LARGEST_HEARD = 1 << 16
-"""A payload beyond this is none of ours, and dropped [B]."""
+"""A payload beyond this is dropped, unless it is one of ours that comes back [B]."""
 
 LARGE, MOST_LARGE = 1 << 12, 625
 """Payloads beyond the first [B] only wait among fewer messages than the second [1]: some 80 MB."""
@@ -85,6 +85,9 @@ class Speaker(Protocol):
 
     def heard(self, topic: str, payload: bytes) -> bool:
         """Return whether all is to be said anew."""
+
+    def awaits(self, payload: bytes) -> bytes | None:
+        """Return what was sent and comes back now, None if it did not; called by any thread."""
 
     def farewell(self) -> list[Message]:
         """Return what is said at a clean end."""
@@ -151,7 +154,9 @@ class MqttFace:
             client.will_set(will.topic, will.payload, will.qos, will.retain)
             client.on_connect = lambda _c, _u, _f, code: events.put(("answer", code))
             client.on_disconnect = lambda _c, _u, code: events.put(("gone", code))
-            client.on_message = lambda _c, _u, message: _hear(events, message)
+            client.on_message = lambda _c, _u, message: _hear(
+                events, message, self._speaker.awaits
+            )
             client.connect(self._host, self._port, KEEPALIVE_S)
             client.loop_start()
             return _Conversation(client, self._speaker, self._view, events, self._told_all).run(
@@ -182,15 +187,27 @@ class MqttFace:
         self._told = why
 
 
-def _hear(events: queue.Queue[_Event], message: MQTTMessage) -> None:
-    """Keep a message to be read, unless it is none of ours or too many wait."""
+def _hear(
+    events: queue.Queue[_Event],
+    message: MQTTMessage,
+    awaits: Callable[[bytes], bytes | None],
+) -> None:
+    """Keep a message to be read, unless it is none of ours or too many wait.
+
+    A large one of ours is kept as the bytes that were sent, however often somebody repeats it.
+    """
     size = len(message.payload)
+    if size > LARGEST_HEARD:
+        sent = awaits(message.payload)
+        if sent is None:
+            return
+        message.payload, size = sent, 0
     try:
         message.topic.encode()  # made of the bytes that came when it is asked for
     except UnicodeError:
         return
     most = MOST_HEARD if size <= LARGE else min(MOST_HEARD, MOST_LARGE)
-    if size <= LARGEST_HEARD and events.qsize() < most:
+    if events.qsize() < most:
         events.put(("heard", message))
 
 

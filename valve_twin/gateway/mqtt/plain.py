@@ -79,6 +79,9 @@ class JsonSpeaker:
         """Return whether all is to be said anew: nobody can ask for it."""
         return False
 
+    def awaits(self, payload: bytes) -> bytes | None:
+        """Return None: it hears nothing."""
+
     def farewell(self) -> list[Message]:
         """Return what is said at a clean end."""
         return [self.will()]

@@ -198,6 +198,16 @@ class SparkplugSpeaker:
                 self.backlog.confirm(self._valves[name], cycle)
         return False
 
+    def awaits(self, payload: bytes) -> bytes | None:
+        """Return the stored cycle that a payload is, as it was sent; None of anything else.
+
+        Parameters
+        ----------
+        payload : bytes
+            What the broker handed on; of foreign origin.
+        """
+        return next((sent for sent in list(self._sent.values()) if sent == payload), None)
+
     def _rebirth(self, payload: bytes) -> bool:
         """Return whether a command is one to be born again, and not too often."""
         try:
