@@ -83,6 +83,37 @@ def test_ok_names_each_parameter_of_which_it_says_nothing(history, scatter):
     assert "; nothing is said of lag: 5 of 10 estimates since" in found.verdict.evidence
 
 
+@pytest.mark.parametrize(("names", "ok"), [
+    (("rate_up", "rate_down", "slew_up", "slew_down"), False),
+    (("rate_up", "rate_down"), False),
+    (("slew_up", "rate_down", "slew_down", "lag"), False),
+    (("slew_up", "rate_down"), True),  # another parameter: no direction
+    (("lag", "rate_down"), True),
+])  # fmt: skip
+def test_ok_is_not_said_where_no_cycle_tells_anything_of_a_direction(history, scatter, names, ok):
+    """It was for 30 cycles in which the opening took ever longer."""
+    n = 30
+    silent = np.full(n, np.nan)
+    columns = {x: 1.0 + 1e-3 * scatter(4, n, 0.0) if "down" in x else silent for x in names}
+    parameters = [Parameter(name, "1", "", trend=True) for name in names]
+    config = AgingConfig(thresholds=tuple(Threshold(name, 20.0) for name in names))
+    said = assess(history(**columns), (), config, parameters=parameters).verdict
+    assert said.kind is (VerdictKind.OK if ok else VerdictKind.NOT_ENOUGH_DATA)
+    mute = ", ".join(x for x in names if x.endswith("_up"))
+    told = f"one direction is not judged, no cycle told {mute}"
+    assert said.evidence.startswith(told) is not ok
+
+
+def test_ok_is_said_where_one_parameter_of_a_direction_tells_of_it(history, scatter):
+    names, n = ("rate_up", "rate_down", "slew_up", "slew_down"), 30
+    columns = {x: 1.0 + 1e-3 * scatter(i, n, 0.0) for i, x in enumerate(names)}
+    columns["slew_up"][:] = np.nan
+    parameters = [Parameter(name, "1", "", trend=True) for name in names]
+    config = AgingConfig(thresholds=tuple(Threshold(name, 20.0) for name in names))
+    said = assess(history(**columns), (), config, parameters=parameters).verdict
+    assert said.kind is VerdictKind.OK
+
+
 @pytest.mark.parametrize(("reach", "kind"), [
     ((-5.0, 80.0), VerdictKind.NOT_ENOUGH_DATA), ((-15.0, 80.0), VerdictKind.OK),
 ])  # fmt: skip

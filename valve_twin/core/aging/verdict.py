@@ -39,6 +39,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
+from valve_twin.core.aging.limits.directions import mute_direction
 from valve_twin.core.diagnosis.changes.finding import describe_finding
 from valve_twin.core.diagnosis.refused import FRESH
 
@@ -334,6 +335,9 @@ def decide(
     elif beyond := [t for t in judged if _may_be_beyond(t)]:
         kind = VerdictKind.NOT_ENOUGH_DATA
         evidence = f"perhaps beyond a limit: {describe(max(beyond, key=_share))}"
+    elif mute := mute_direction({t.parameter: t.segments > 0 for t in trends}):
+        kind = VerdictKind.NOT_ENOUGH_DATA
+        evidence = f"one direction is not judged, no cycle told {', '.join(mute)}"
     else:
         kind = VerdictKind.OK
         own_only = "" if _all_commissioned(judged) else _OWN_ONLY.format(since)

@@ -98,10 +98,12 @@ def test_any_lag_is_stable_and_none_is_the_plain_law(lag):
 
 def test_a_rise_and_a_fall_are_delayed_by_their_own():
     command = np.array([0, 0, 0, 0, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0], dtype=np.float64)
-    found = delay_record(command, 3, 1)
+    found = delay_record(command, 3, 1, 3)
     assert np.flatnonzero(np.diff(found) > 0)[0] == 3 + 3
     assert np.flatnonzero(np.diff(found) < 0)[0] == 8 + 1
-    assert np.array_equal(delay_record(command, 2, 2)[2:], command[:-2])
+    assert np.array_equal(delay_record(command, 2, 2, 2)[2:], command[:-2])
+    late = delay_record(command[5:], 1, 3, 1)  # before its first sample it was as in that
+    assert np.array_equal(late[1:], [1, 1, 1, 1, 1, 1, 0, 0])
 
 
 def test_second_order_is_recovered():
@@ -167,6 +169,20 @@ def test_two_delays_are_told_apart():
     assert found.value("delay") == pytest.approx(0.12 + PERIOD_S)  # and the sample it acts in
     assert found.value("delay_falling") == pytest.approx(0.04 + PERIOD_S)
     assert found.value("rate_falling") == pytest.approx(3.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("delay_change", [0.0, 1.2])
+def test_a_cycle_that_begins_with_its_command_keeps_its_only_opening(delay_change):
+    """A delay of 2.55 s, longer than the whole opening, left nothing that tells of a rise."""
+    plant = replace(FAST, delay=0.4, delay_change=delay_change, slew_rising=0.7, slew_falling=0.5)
+    cycle = cycle_of(plant, np.array([*held([0.0], 60), *held([1.0, 0.0], 200)]), noise=0.002)
+    begun = Cycle(1, PERIOD_S, cycle.frames[60:])
+    options = complete_options(MODEL, {"two_delays": True, "max_delay_s": 2.9})
+    (found,) = MODEL.estimate(begun, options)
+    assert found.value("slew_rising") == pytest.approx(0.7, rel=0.03)
+    assert found.value("delay") == pytest.approx(0.44, abs=0.2)
+    assert found.value("slew_falling") == pytest.approx(0.5, rel=0.03)
+    assert found.value("delay_falling") == pytest.approx(0.44 + delay_change, abs=0.1)
 
 
 def test_backlash_is_recovered():

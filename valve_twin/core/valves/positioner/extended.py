@@ -197,8 +197,10 @@ def delayed(line: FloatArray, n: int, rising: int, falling: int) -> float:
 
 
 @njit(cache=True)
-def delay_record(command: FloatArray, rising: int, falling: int) -> FloatArray:
-    """Return the command (N,) in force at each sample; up to the longer delay, as it comes.
+def delay_record(command: FloatArray, rising: int, falling: int, first: int) -> FloatArray:
+    """Return the command (N,) in force at each sample; before `first`, as it comes.
+
+    Before the record it is taken for what it was in its first sample.
 
     Parameters
     ----------
@@ -206,10 +208,13 @@ def delay_record(command: FloatArray, rising: int, falling: int) -> FloatArray:
         Command [1].
     rising, falling : int
         Delay of a rise and of a fall [samples].
+    first : int
+        First sample that is delayed.
     """
-    out = command.copy()
-    for n in range(max(rising, falling), len(command)):
-        out[n] = delayed(command, n, rising, falling)
+    out, longer = command.copy(), max(rising, falling)
+    line = np.concatenate((np.full(longer, command[0]), command))
+    for n in range(first, len(command)):
+        out[n] = delayed(line, n + longer, rising, falling)
     return out
 
 
@@ -223,7 +228,7 @@ def free_run(
     stops: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Run the model free from the measured position after the first delay, at rest.
+    """Run the model free from the measured position after the delay, at rest.
 
     Parameters
     ----------
@@ -234,11 +239,11 @@ def free_run(
     period : float
         Sampling time [s].
     first : int
-        The longer delay, below N [samples].
+        The delay before which no command is in force, below N [samples].
     stops : (2,) array
         Mechanical stops [1].
     out : (N,) array
-        Written: simulated position [1], the measured one over the first delay.
+        Written: simulated position [1], the measured one before `first`.
     """
     z = np.zeros(MOTION_SIZE)
     m = np.zeros(N_TRANSITION)
