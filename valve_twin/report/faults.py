@@ -9,6 +9,8 @@ from collections import Counter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from markupsafe import Markup
+
 from valve_twin.core.diagnosis.changes.finding import UNKNOWN
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.core.operation.step_metrics import METRICS
@@ -78,7 +80,7 @@ def _row(finding: Finding) -> list[str]:
         unit = "" if kind.unit == "1" else f" {kind.unit}"
         name = kind.text
         size = f"{finding.severity:.2g}{unit}" if math.isfinite(finding.severity) else NONE
-    others = ", ".join(BY_NAME[r].text for r in finding.rivals)
+    others = Markup("<br>").join(BY_NAME[r].text for r in finding.rivals)
     return [
         name,
         finding.part,

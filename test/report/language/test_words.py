@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import time
 from dataclasses import replace
@@ -15,9 +16,12 @@ import numpy as np
 import pytest
 from markupsafe import Markup
 
+import valve_twin.core.valves
 import valve_twin.gateway
+from valve_twin.core.aging import Assessment
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.verdict import Trend, TrendStatus, VerdictKind, decide, held_back
+from valve_twin.core.cycles import Closing
 from valve_twin.core.diagnosis.changes.finding import (
     UNKNOWN,
     Diagnosis,
@@ -25,8 +29,21 @@ from valve_twin.core.diagnosis.changes.finding import (
     describe_finding,
     lately_over,
 )
-from valve_twin.core.diagnosis.table import BY_NAME, SHOWN_BY, partner
-from valve_twin.core.faults.advice import BY_VERDICT, FAULT_ADVICE
+from valve_twin.core.diagnosis.table import (
+    BY_NAME,
+    FAULT_TYPES,
+    PAIRS,
+    PARTS,
+    SHOWN_BY,
+    partner,
+)
+from valve_twin.core.faults.advice import (
+    BY_VERDICT,
+    FAILURE_MODES,
+    FAULT_ADVICE,
+    NOW,
+    advise,
+)
 from valve_twin.core.faults.kinds import FAULT_KINDS
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Prediction, Validity
@@ -34,6 +51,7 @@ from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.gateway.page import forms
 from valve_twin.gateway.plant import WAITING
 from valve_twin.report import plots
+from valve_twin.report.faults import faults_section
 from valve_twin.report.language.words import (
     cell,
     chosen,
@@ -181,6 +199,24 @@ def findings() -> Iterator[Finding]:
     yield Finding(UNKNOWN, (), "valve", np.nan, 6.0, 9, 7)
 
 
+PARTS_OF_REASONS = {
+    ": faster than the sampling shows": "rests on its bound 7: faster than the sampling shows",
+    "the position never 7 by a fifth of its motion": (
+        "the position never fell by a fifth of its motion"
+    ),
+    "7 runs from 7 to 7, it is to be 0 to 1: correct signals.7.scale (7) and .offset": (
+        "x runs from 7 to 7, it is to be 0 to 1: correct signals.x.scale (0.01 for percent) and "
+        ".offset"
+    ),
+    "nothing is commanded, 7 all the time: correct 7": (
+        "nothing is commanded, u at 1 and v at 0 all the time: correct signals.u.topic and "
+        "signals.v.topic"
+    ),
+    "7 (7 standard errors)": "K_in differs by 7 % at commands above 7 (7 standard errors)",
+}
+"""What stands in a reason and is none alone, with the whole."""
+
+
 def is_german(text: str) -> bool:
     """Return whether nothing of a sentence stayed English."""
     said = sentence(text, words("de"))
@@ -214,6 +250,111 @@ def test_what_a_verdict_says_is_translated_with_its_figures():
     german = "K_in -14.0 % gegen neu (95 %: -15.0 .. -13.0), noch 6 Zyklen (3 .. 9)"
     assert sentence(text, words("de")) == german
     assert sentence(text, words("en")) == text
+
+
+def on_the_report(text: str) -> str:
+    """Return a text as the German report page tells it."""
+    return whole_page(f"<p>{Markup.escape(text)}</p>", "de").split("<p>")[1].split("</p>")[0]
+
+
+def is_english(text: str) -> bool:
+    """Return whether a clause stays English on the report page."""
+    clauses = [clause for clause in text.split("; ") if re.search("[A-Za-z]{3}", clause)]
+    found = [(clause, on_the_report(clause)) for clause in clauses]
+    return any("<span" in told or told == str(Markup.escape(said)) for said, told in found)
+
+
+def test_all_that_an_advice_says_is_german_on_the_report():
+    advices = [*FAULT_ADVICE.values(), *BY_VERDICT.values()]
+    trend = replace(next(trends()), status=TrendStatus.BEYOND_THRESHOLD, threshold=0.012)
+    verdict = decide([trend], AgingConfig(), valve="/v", stamp_ns=1, cycle=20)
+    worn = advise(replace(verdict, kind=VerdictKind.VALVE, fault="K_in"), [trend])
+    advices.append(worn)
+    told = {f"probably {a.cause}" for a in advices if a.cause}
+    told |= {a.cause for a in advices if a.cause} | {a.part for a in advices if a.part}
+    told |= {f"{code} {mode} (ISO 14224)" for code, mode in FAILURE_MODES.items()}
+    told |= {f"NE 107: {state.value}" for state in Ne107} | {a.sentence for a in advices}
+    told |= {a.action for a in advices} | {replace(a, urgency=NOW).sentence for a in advices}
+    told -= {""}
+    assert "probably set or broken spring, changed return pressure" in told
+    assert worn.cause == "wear or dirt that changes K_in"
+    assert len(told) > 140
+    assert [text for text in sorted(told) if is_english(text)] == []
+    said = "NE 107: maintenance required; PDE parameter deviation (ISO 14224); probably "
+    assert on_the_report(said + FAULT_ADVICE["preload"].cause) == (
+        "NE 107: Wartungsbedarf; PDE Parameterabweichung (ISO 14224); "
+        "wahrscheinlich gesetzte oder gebrochene Feder, veränderter Rücklaufdruck"
+    )
+
+
+def test_faults_and_what_shows_them_are_german_on_the_report():
+    told = {*SHOWN_BY.values(), *PARTS, *(kind.text for kind in FAULT_TYPES)}
+    told |= {
+        f"the data fit as well: grown delay: {shown} to tell the two" for shown in PAIRS.values()
+    }
+    assert len(told) > 35
+    assert [text for text in sorted(told) if is_english(text)] == []
+    found = Finding("slow", ("lost_motion", "delay"), "valve", 0.3, 5.0, 9, 7)
+    verdict = decide([], AgingConfig(), valve="/v", stamp_ns=1, cycle=20)
+    shown = Assessment((), verdict, (), Diagnosis((found,), 20, ready=True))
+    section = whole_page(faults_section(shown), "de")
+    assert '<th scope="col">Oder</th>' in section
+    assert "<td>Umkehrspiel, Anteil des Wegs<br>gewachsene Totzeit</td>" in section
+
+
+REASONS = ("Refusal", "Guard", "ParameterValue", "blank", "not_excited", "at_bound", "conclude")
+"""What carries a reason to the pages."""
+
+NO_REASON = ("bench_fits", "check", "plant", "published", "interface")
+"""Modules whose texts go elsewhere: to a terminal, a simulation, a parameter."""
+
+
+def phrase(node: ast.expr) -> str:
+    """Return the text of an expression, 7 for what differs; empty = none."""
+    if isinstance(node, ast.Constant):
+        return node.value if isinstance(node.value, str) else ""
+    parts = node.values if isinstance(node, ast.JoinedStr) else ()
+    return "".join(str(p.value) if isinstance(p, ast.Constant) else "7" for p in parts)
+
+
+def phrases(node: ast.AST) -> Iterator[str]:
+    """Yield the whole texts below a node, but none of an error, and no docstring."""
+    if isinstance(node, ast.JoinedStr | ast.Constant):
+        yield phrase(node)
+    elif not isinstance(node, ast.Raise) and not (
+        isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    ):
+        for child in ast.iter_child_nodes(node):
+            yield from phrases(child)
+
+
+def reasons_of(text: str) -> set[str]:
+    """Return what a module calls reasons: what it gives to `REASONS`, and what it returns."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(text)):
+        called = isinstance(node, ast.Call) and getattr(node.func, "id", "") in REASONS
+        named = isinstance(node, ast.Assign) and any(
+            getattr(target, "id", "") in ("reason", "text", "why") for target in node.targets
+        )
+        if called or named or isinstance(node, ast.Return):
+            found |= set(phrases(node))
+    return {f for f in found if " " in f.strip() and len(re.findall("[A-Za-z]{2,}", f)) > 1}
+
+
+def test_why_nothing_is_told_is_german_on_the_report():
+    folder = Path(valve_twin.core.valves.__file__).parent
+    paths = [*folder.rglob("*.py"), *(folder.parent / "estimation").rglob("*.py")]
+    told = {
+        reason
+        for path in paths
+        if path.stem not in NO_REASON
+        for reason in reasons_of(path.read_text(encoding="utf-8"))
+    }
+    told |= {closing.value for closing in Closing}
+    assert "7 usable samples, 7 needed" in told
+    assert len(told) > 120
+    assert sorted(reason for reason in told - set(PARTS_OF_REASONS) if is_english(reason)) == []
+    assert [reason for reason in PARTS_OF_REASONS.values() if is_english(reason)] == []
 
 
 def test_what_is_to_be_done_is_translated():

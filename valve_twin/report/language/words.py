@@ -199,7 +199,7 @@ def language_of(page: str) -> str:
 def _told_part(part: str, told: Words) -> str:
     """Return the text between two tags in another language, with the space around it."""
     text = " ".join(Markup(part).unescape().split())
-    if not _WORD.search(text):
+    if not _WORD.search(text) and text not in told.catalogue:
         return part
     begin = ": " if text.startswith(": ") else ""
     text = text.removeprefix(begin)
@@ -312,7 +312,7 @@ def words(language: str, *more: str) -> Words:
     folder = files("valve_twin.report.language") / "locale"
     pages, *of_core = (
         read_catalogue((folder / f"{language}{part}.po").read_text(encoding="utf-8"))
-        for part in ("", "_sentences", "_parameters", *more)
+        for part in ("", "_sentences", "_reasons", "_parameters", *more)
     )
     return Words(pages, {message: text for part in of_core for message, text in part.items()})
 
