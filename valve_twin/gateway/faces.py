@@ -104,6 +104,7 @@ def _open_foxglove(
 ) -> FoxgloveFace:
     from valve_twin.gateway.foxglove.face import FoxgloveFace
 
+    logging.getLogger("foxglove").setLevel(logging.CRITICAL + 1)  # a line for each wrong request
     face = FoxgloveFace(plant.news, plant.estimates, given.host, given.foxglove)
     tell(f"Foxglove at {face.start()}")
     stack.callback(face.stop)

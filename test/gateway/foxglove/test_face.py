@@ -288,6 +288,25 @@ def test_what_clients_send_changes_nothing_and_stops_nobody(server, history):
     assert history.read_bytes() == before
 
 
+def test_what_clients_do_wrong_fills_no_log(server):
+    """A client that asks for what is not there wrote a line for each try: 290 000 in 30 s."""
+    before = server.said()
+    rude = Viewer(server.address)
+    asked = [{"id": k, "channelId": 1_000_000 + k} for k in range(1000)]
+    rude.socket.send(json.dumps({"op": "subscribe", "subscriptions": asked}))
+    rude.socket.send('{"op": "none"}')
+    place = re.sub(r".*//", "", server.address).split(":")
+    with socket.create_connection((place[0], int(place[1]))) as stranger:
+        stranger.sendall(b"no request\r\n\r\n")
+    viewer = Viewer(server.address)
+    viewer.look_at(f"{NEW}/twin/estimate")
+    viewer.until(partial(has_heard, viewer, f"{NEW}/twin/estimate", 60), "cycles")
+    said: list[str] = []
+    while not any('"op":"status"' in text.replace(" ", "") and "none" in text for text in said):
+        said.append(str(rude.socket.recv(LIMIT_S)))  # by then it has read all
+    assert server.said() == before
+
+
 def test_a_history_that_is_gone_shows_as_stale(tmp_path):
     history = tmp_path / "history.sqlite"
     store(history, "/v", range(1, 4), 0.0)
