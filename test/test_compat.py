@@ -86,6 +86,40 @@ def programmed(program):
     return subprocess.run(command, check=True, capture_output=True, text=True, cwd=root).stdout
 
 
+def shaped(codec, values: bytes, *dimensions: int) -> object:
+    """Return what 8-bit numbers of a message are with dimensions."""
+    said = b"".join(n.to_bytes(4, "little", signed=True) for n in (len(dimensions), *dimensions))
+    data = b"\xc3" + len(values).to_bytes(4, "little") + values + said
+    return codec.variant_from_binary(codec.Buffer(data)).Value
+
+
+def test_dimensions_of_a_message_are_those_of_its_elements():
+    """Dimensions of 4 bytes filled up to a million empty lists for each value of a message."""
+    codec = pytest.importorskip("asyncua.ua.ua_binary", reason="needs the extra gateway")
+    compat.bound_arrays()
+    assert shaped(codec, bytes(range(6)), 2, 3) == [[0, 1, 2], [3, 4, 5]]
+    assert shaped(codec, bytes(2), 2) == [0, 0]
+    assert shaped(codec, b"", 0, 3) == []
+    for values, dimensions in ((b"", (1_000_000,)), (bytes(6), (2, 4)), (b"", (-1, 3))):
+        with pytest.raises(codec.UaError, match=f"array of {len(values)} elements with dimensi"):
+            shaped(codec, values, *dimensions)
+    with pytest.raises(codec.UaError, match="an array of 1000 elements"):
+        shaped(codec, bytes(1000), 1000, *[1] * 300)  # 300 000 lists within lists
+
+
+def test_a_client_takes_parts_as_long_as_it_asked_for():
+    asyncua = pytest.importorskip("asyncua", reason="needs the extra gateway")
+    client = asyncua.Client("opc.tcp://127.0.0.1:1")
+    compat.bound_messages(client, 4_000_000, lambda why: None)
+    limits = client.uaclient._make_protocol()._connection._limits
+    hello = limits.create_hello_limits(asyncua.ua.Hello())
+    for other in (8192, 1_000_000):
+        answer = asyncua.ua.Acknowledge(ReceiveBufferSize=other, SendBufferSize=65535)
+        limits.update_client_limits(answer)
+        assert limits.max_recv_buffer == hello.ReceiveBufferSize == 65535
+        assert limits.max_message_size <= 4_000_000
+
+
 def test_no_array_of_a_message_is_longer_than_it_and_all_together_are_bounded():
     """Elements of nothing take no byte: 9 bytes of a message made lists of 16 GB."""
     codec = pytest.importorskip("asyncua.ua.ua_binary", reason="needs the extra gateway")

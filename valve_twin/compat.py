@@ -9,6 +9,7 @@ takes of numba stands there: a kernel is compiled anew with each change of a fil
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from contextlib import suppress
@@ -331,8 +332,8 @@ def bound_arrays(most: int = MOST_ELEMENTS) -> None:
     """Let the arrays of a message of OPC UA hold so many elements together, and none more than it.
 
     asyncua makes the list that four bytes of a message claim before it looks at what follows, and
-    elements of the type Null take none: 9 bytes took 16 GB. No issue is known. Goes when it has
-    a limit.
+    elements of the type Null take none: 9 bytes took 16 GB. Dimensions beyond the elements it
+    fills with empty lists, a million for each value. No issue is known. Goes when it has a limit.
 
     Parameters
     ----------
@@ -366,6 +367,20 @@ def bound_arrays(most: int = MOST_ELEMENTS) -> None:
         made.unbounded = make  # type: ignore[attr-defined]
         return cache(made)
 
+    shape = getattr(codec._reshape, "unbounded", codec._reshape)
+
+    def reshape(flat: list[Any], dimensions: list[int]) -> list[Any]:
+        if 0 in dimensions and not flat:
+            return flat
+        made = len(dimensions) * len(flat)  # lists within lists, at most
+        if min(dimensions) < 1 or math.prod(dimensions) > len(flat) or made > most:
+            msg = f"an array of {len(flat)} elements with dimensions {str(dimensions)[:80]}"
+            raise codec.UaError(msg)
+        shaped: list[Any] = shape(flat, dimensions)
+        return shaped
+
+    reshape.unbounded = shape  # type: ignore[attr-defined]
+    codec._reshape = reshape
     for name in ("_create_uatype_array_deserializer", "_create_list_deserializer"):
         make = getattr(codec, name)
         setattr(codec, name, bounded(getattr(make, "unbounded", make)))
@@ -385,7 +400,7 @@ def bound_messages(client: Any, most: int, tell: Callable[[str], None]) -> None:
     client : asyncua.Client
         Not connected yet.
     most : int
-        Bytes of a message, and of a part of it.
+        Bytes of a message; a part of it has as many as the client asks for, 64 kB.
     tell : callable
         Gets one line where a connection ends for it.
     """
@@ -394,11 +409,11 @@ def bound_messages(client: Any, most: int, tell: Callable[[str], None]) -> None:
     def bounded() -> Any:
         protocol = make()
         limits, receive = protocol._connection._limits, protocol.data_received
-        grant = limits.update_client_limits
+        grant, part = limits.update_client_limits, limits.max_recv_buffer
 
         def granted(message: Any) -> None:
             grant(message)
-            limits.max_recv_buffer = min(limits.max_recv_buffer or most, most)
+            limits.max_recv_buffer = part  # as asked for; asyncua takes what the server receives
             limits.max_message_size = min(limits.max_message_size or most, most)
 
         def received(data: bytes) -> None:
@@ -408,7 +423,7 @@ def bound_messages(client: Any, most: int, tell: Callable[[str], None]) -> None:
                 protocol.receive_buffer = None
                 protocol.transport.abort()
 
-        limits.max_message_size = limits.max_recv_buffer = most
+        limits.max_message_size = most
         limits.update_client_limits, protocol.data_received = granted, received
         return protocol
 

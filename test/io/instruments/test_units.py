@@ -15,6 +15,7 @@ from valve_twin.io.instruments.units import roles_of, split_name
         ("Stellungssollwert", "command"),
         ("Stellung X", "position"),
         ("Stellung", "position"),
+        ("Stellungsregler Ausgang", "command"),
         ("Stellungsrückmeldung", "position"),
         ("Ventilstellung", "position"),
         ("Stellweg", "position"),

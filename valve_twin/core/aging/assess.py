@@ -195,8 +195,9 @@ def assess(
             for t in trends
         )
     newest = int(rows.cycle[-1]) if len(rows) else 0
-    failed = failed_checks(past, begun_anew(maintenance))
-    over = lately_over(diagnosis, newest)
+    begun = begun_anew(maintenance)
+    failed = failed_checks(past, begun)
+    over = lately_over(diagnosis, newest, begun)
     beside = (clocks_beside(diagnosis), over, diagnosis.against, failed)
     verdict = decide(
         trends,

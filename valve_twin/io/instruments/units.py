@@ -33,11 +33,11 @@ _TABLE = {
 }
 _ROLES = {
     "command": r"cv|co|mv|cmd|command|soll\w*|set|setpoint|set_point|sp|demand|duty|ref|"
-    r"stell(?!ung|weg)\w*|stellung\w*soll\w*|reference|u|input|opening|request|out_?put_signal|drive|target|"
+    r"stell(?!ung|weg)\w*|stellung\w*(?:soll|regler)\w*|reference|u|input|opening|request|out_?put_signal|drive|target|"
     + "|".join(get_model(DEFAULT_MODEL).inputs),
     "position": r"pos|position|travel|stroke|hub|weg|lvdt|spool|stem|rod|x|ist\w*|lift|y|"
     r"valve_pos|opening_fb|feedback|fb|rueck\w*|rück\w*|zt|stellweg|"
-    r"(?:ventil|klappen|schieber|kolben|spindel)?(?:stellung(?!\w*soll)\w*|hub|weg|position)",
+    r"(?:ventil|klappen|schieber|kolben|spindel)?(?:stellung(?!\w*(?:soll|regler))\w*|hub|weg|position)",
     PRESSURE: r"p\d?|press|pressure|druck|pt\d*",
     FLOW: r"q|flow|durchfluss|volumenstrom|fs\d|ft\d*|f",
     "current": r"i|current|strom|amp",

@@ -195,7 +195,6 @@ class TagSubscription:
         self._ended = True
 
     def _run(self) -> None:
-        bound_arrays()
         self._said = Complaints()
         try:
             asyncio.run(self._follow())
@@ -234,6 +233,7 @@ class TagSubscription:
     async def _subscribed(self) -> None:
         from asyncua import ua
 
+        bound_arrays()
         client = self._client()
         if self._server.folder:
             await _secure(client, Path(self._server.folder).expanduser())

@@ -141,8 +141,11 @@ def clocks_beside(diagnosis: Diagnosis) -> str:
     return f"beside it {describe_finding(diagnosis.clocks)}" if diagnosis.clocks else ""
 
 
-def lately_over(diagnosis: Diagnosis, cycle: int) -> str:
+def lately_over(diagnosis: Diagnosis, cycle: int, since: int = 0) -> str:
     """Return the newest fault that came and went by itself a while ago, or "".
+
+    Nothing is said of one where the cycles have nothing to be compared with: whether it is over
+    may be what they do not tell.
 
     Parameters
     ----------
@@ -150,9 +153,12 @@ def lately_over(diagnosis: Diagnosis, cycle: int) -> str:
         What the features say; a fault that lasts is told itself.
     cycle : int
         Number of the newest cycle.
+    since : int
+        First cycle since maintenance with a new reference: what began before it was mended.
     """
-    over = [f for f in diagnosis.findings if f.end >= 0 and cycle - f.end < LATELY]
-    if diagnosis.present is not None or not over:
+    gone = (f for f in diagnosis.findings if f.end >= 0 and f.onset >= since)
+    over = [f for f in gone if cycle - f.end < LATELY]
+    if diagnosis.present is not None or diagnosis.doubt or not over:
         return ""
     newest = max(over, key=lambda f: f.end)
     return f"a fault is over since cycle {newest.end}: {describe_finding(newest)}"
