@@ -192,7 +192,8 @@ def test_the_trend_goes_on_after_a_restart(run):
     found = assess(known, (), AgingConfig(), parameters=model.parameters, valve=NS)
     (trend,) = (t for t in found.trends if t.parameter == "K_in")
     assert (told.samples, told.reference) == (trend.samples, trend.reference)
-    assert told.reference == run.before_kill["trend"].reference
+    # not made anew: only the command at which it is followed is known better with more cycles
+    assert told.reference == pytest.approx(run.before_kill["trend"].reference, rel=1e-3)
 
 
 def test_a_monitor_that_was_off_for_ten_cycles_gives_the_identical_trend(run):
