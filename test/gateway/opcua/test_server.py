@@ -555,14 +555,21 @@ class Follower:
 
     async def _follow(self) -> None:
         while not self._ends.is_set():
+            client = Client(self._address, timeout=2)
             with suppress(Exception):  # the server is gone, or not there yet
-                async with Client(self._address, timeout=2) as client:
-                    own = await client.get_namespace_index(VALVES)
-                    node = client.get_node(ua.NodeId(f"{self._valve}#Cycle", own))
-                    while not self._ends.is_set():
-                        self._note(await node.read_value())
-                        await asyncio.sleep(0.05)
+                await self._look(client)
+            channel = client.uaclient.protocol
+            if channel is not None and channel.transport is not None:
+                channel.transport.abort()  # asyncua leaves it open where connecting took too long
             await asyncio.sleep(0.05)
+
+    async def _look(self, client: Client) -> None:
+        async with client:
+            own = await client.get_namespace_index(VALVES)
+            node = client.get_node(ua.NodeId(f"{self._valve}#Cycle", own))
+            while not self._ends.is_set():
+                self._note(await node.read_value())
+                await asyncio.sleep(0.05)
 
     def _note(self, cycle: int) -> None:
         if self.seen[-1:] != [cycle]:
