@@ -341,6 +341,8 @@ def bound_arrays(most: int = MOST_ELEMENTS) -> None:
         Elements [1].
     """
     codec: Any = import_module("asyncua.ua.ua_binary")
+    if getattr(codec._reshape, "most", None) == most:
+        return  # a client that connects again keeps what is made of the types
     message, spent = b"", 0
 
     def spend(data: Any) -> None:
@@ -379,7 +381,7 @@ def bound_arrays(most: int = MOST_ELEMENTS) -> None:
         shaped: list[Any] = shape(flat, dimensions)
         return shaped
 
-    reshape.unbounded = shape  # type: ignore[attr-defined]
+    reshape.unbounded, reshape.most = shape, most  # type: ignore[attr-defined]
     codec._reshape = reshape
     for name in ("_create_uatype_array_deserializer", "_create_list_deserializer"):
         make = getattr(codec, name)
