@@ -88,11 +88,16 @@ def changed_product(fault, *, which, cycles=70):
     rows = rng.multivariate_normal(np.zeros(len(kind.names)), table.covariance, cycles)
     signature = [s for s in table.signatures if s.fault == fault][which]
     rows[30 : CHANGED - 1] += np.array(signature.change)
+    return two_products(kind, rows, CHANGED)
+
+
+def two_products(kind, rows, since):
+    """Return cycles of 25 s, and from cycle `since` on of 28 s."""
     return [
         replace(
             estimate(c),
             parameters=stored(kind, row),
-            end_ns=c * 30 * 10**9 + (25 if c < CHANGED else 28) * 10**9,
+            end_ns=c * 30 * 10**9 + (25 if c < since else 28) * 10**9,
         )
         for c, row in enumerate(rows, 1)
     ]
@@ -105,14 +110,7 @@ def test_a_step_that_raised_no_alarm_is_told_beside_a_product_that_is_not_known(
     rng = np.random.default_rng(0)
     rows = 3.0 * rng.multivariate_normal(np.zeros(len(kind.names)), table.covariance, 44 + newest)
     rows[12:] += 2.0 * np.array([s.change for s in table.signatures if s.fault == "preload"][1])
-    history = [
-        replace(
-            estimate(c),
-            parameters=stored(kind, row),
-            end_ns=c * 30 * 10**9 + (25 if c < 45 else 28) * 10**9,
-        )
-        for c, row in enumerate(rows, 1)
-    ]
+    history = two_products(kind, rows, 45)
     found = diagnose(history, ())
     assert not found.findings
     assert found.doubt.startswith("no reference: cycles 1 to 1")
@@ -125,14 +123,7 @@ def test_a_step_of_a_product_is_told_where_another_is_made_since():
     rows = rng.multivariate_normal(np.zeros(len(kind.names)), table.covariance, 40)
     change = next(s.change for s in table.signatures if s.fault == "preload")
     rows[11:] += 6.0 * np.array(change)
-    history = [
-        replace(
-            estimate(c),
-            parameters=stored(kind, row),
-            end_ns=c * 30 * 10**9 + (25 if c < 16 else 28) * 10**9,
-        )
-        for c, row in enumerate(rows, 1)
-    ]
+    history = two_products(kind, rows, 16)
     found = diagnose(history, ())
     assert not found.findings
     assert found.doubt.startswith("no reference: cycles 1 to 11 differ")
