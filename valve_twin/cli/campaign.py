@@ -61,8 +61,8 @@ def add(verbs: Verbs) -> None:
     parser.add_argument("--json", metavar="OUT", help="also write all figures to this file")
     parser.add_argument(
         "--derive",
-        metavar="MODULE",
-        help="instead derive signatures and sizes by simulation: write them to this Python module "
+        metavar="TABLE",
+        help="instead derive signatures and sizes by simulation: write them to this JSON file "
         "and into FILE",
     )
     add_strangers(parser)

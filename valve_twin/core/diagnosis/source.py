@@ -1,42 +1,50 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""A table of signatures as the Python module that a valve package ships."""
+"""A table of signatures as the JSON file that a valve package ships."""
 
 from __future__ import annotations
 
+import json
+from pkgutil import get_data
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from valve_twin.core.diagnosis.table import SignatureTable
-
-_HEAD = '''# SPDX-License-Identifier: Apache-2.0
-# Copyright 2026 valve_twin maintainers
-"""How faults change the features of a cycle; written by `valve-twin campaign --derive`."""
-
-# ruff: noqa: E501
 from valve_twin.core.diagnosis.table import Signature, SignatureTable
 
-'''
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 
 def table_source(table: SignatureTable) -> str:
-    """Return the source of a module whose `TABLE` equals `table`."""
-    lines = [f"TABLE = SignatureTable(\n    features={table.features!r},\n    covariance=("]
-    lines += [f"        {_numbers(row)}," for row in table.covariance]
-    lines += ["    ),", f"    floor={_numbers(table.floor)},", "    signatures=("]
-    for s in table.signatures:
-        lines += [
-            f'        Signature("{s.fault}", {s.severity!r},',
-            f"            {_numbers(s.change)},",
-            f"            {_numbers(s.scatter)}),",
-        ]
-    lines.append("    ),")
-    if table.levels:
-        lines.append(f"    levels={table.levels!r},")
-    return f"{_HEAD}# fmt: off\n" + "\n".join([*lines, ")", ""])
+    """Return the text of a file from which `read_table` makes a table that equals `table`."""
+    signatures = ((s.fault, s.severity, s.change, s.scatter) for s in table.signatures)
+    parts = {
+        "features": json.dumps(table.features),
+        "covariance": _rows(table.covariance),
+        "floor": json.dumps(table.floor),
+        "levels": json.dumps(table.levels),
+        "signatures": _rows(signatures),
+    }
+    return "{\n" + ",\n".join(f'"{name}": {text}' for name, text in parts.items()) + "\n}\n"
 
 
-def _numbers(values: Sequence[float]) -> str:
-    return "(" + ", ".join(repr(float(v)) for v in values) + ")"
+def read_table(package: str) -> SignatureTable:
+    """Return the table of the file `signatures.json` that a package ships.
+
+    Parameters
+    ----------
+    package : str
+        `__package__` of its module `signatures`; `valve-twin campaign --derive` writes the file.
+    """
+    given = json.loads(get_data(package, "signatures.json") or b"")
+    covariance, levels = (tuple(map(tuple, given[part])) for part in ("covariance", "levels"))
+    signatures = tuple(
+        Signature(fault, size, tuple(change), tuple(scatter))
+        for fault, size, change, scatter in given["signatures"]
+    )
+    features, floor = tuple(given["features"]), tuple(given["floor"])
+    return SignatureTable(features, covariance, floor, signatures, levels)
+
+
+def _rows(rows: Iterable[object]) -> str:
+    """Return an array with a line a row."""
+    return "[\n" + ",\n".join(f" {json.dumps(row, allow_nan=False)}" for row in rows) + "\n]"
