@@ -13,6 +13,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.gateway.descriptors import BoundedListener, leave_unsaid, raise_descriptors
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -29,7 +30,8 @@ IDLE_S = 10.0
 times as long [s]."""
 
 MOST_CONNECTIONS = 500
-"""Connections at a time; more are answered 503 [1]."""
+"""Connections at a time; more are answered 503, those beyond twice as many are let go at once, or
+beyond half of the descriptors that the process has [1]."""
 
 _MOST_PORT = 65535
 
@@ -143,7 +145,7 @@ def _no_password() -> str:
 
 
 def listen(place: Place) -> socket.socket:
-    """Return a socket that listens.
+    """Return a socket that listens; it leaves descriptors to the history and the other faces.
 
     Raises
     ------
@@ -151,7 +153,9 @@ def listen(place: Place) -> socket.socket:
         If that cannot be, in one line.
     """
     family = socket.AF_INET6 if ":" in place.host else socket.AF_INET
-    listening = socket.socket(family, socket.SOCK_STREAM)
+    listening = BoundedListener(family)
+    listening.most = min(2 * MOST_CONNECTIONS, raise_descriptors() // 2)
+    leave_unsaid()
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((place.host, place.port))

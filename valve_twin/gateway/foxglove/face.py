@@ -10,12 +10,12 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
-import foxglove
 from foxglove import Channel, Context, Schema
 from foxglove.websocket import ServerListener
 
 from valve_twin.core.aging.verdict import TrendStatus
 from valve_twin.core.valves.registry import get_model
+from valve_twin.gateway.foxglove.listener import Listener
 from valve_twin.gateway.foxglove.messages import (
     DIAGNOSTICS,
     ESTIMATE,
@@ -27,12 +27,12 @@ from valve_twin.gateway.foxglove.messages import (
     estimate_bytes,
 )
 from valve_twin.io.bags.definitions import definition
-from valve_twin.io.errors import ConfigError, ValveTwinError
+from valve_twin.io.errors import ValveTwinError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from foxglove.websocket import ChannelView, Client, WebSocketServer
+    from foxglove.websocket import ChannelView, Client
 
     from valve_twin.core.aging.verdict import Trend, Verdict
     from valve_twin.core.types import Estimate
@@ -51,9 +51,6 @@ again and again take a fifth of a core at most."""
 
 PAST = 500
 """Newest stored cycles that who begins to look is told [1]."""
-
-MOST_WAITING = 4096
-"""Messages that wait for a client; of one that does not read, the oldest are dropped [1]."""
 
 _OK, _WARN, _ERROR, _STALE = range(4)
 _LOGGER = logging.getLogger("valve_twin")
@@ -103,14 +100,13 @@ class FoxgloveFace:
         port: int,
     ) -> None:
         self._view, self._estimates = view, estimates
-        self._host, self._port = host, port
         self._subscriptions = _Subscriptions()
         self._context = Context()
+        self._listener = Listener(self._context, self._subscriptions, host, port)
         self._channels: dict[str, Channel] = {}
         self._valves: dict[str, tuple[object, ...]] = {}
         self._cycles: dict[str, int] = {}
         self._end = threading.Event()
-        self._server: WebSocketServer | None = None
         self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
 
     def start(self) -> str:
@@ -122,22 +118,9 @@ class FoxgloveFace:
             If it cannot listen there.
         """
         self._step(self._view(), set(), periodic=False)  # who asks at once finds what there is
-        try:
-            self._server = foxglove.start_server(
-                name="valve_twin",
-                host=self._host,
-                port=self._port,
-                context=self._context,
-                server_listener=self._subscriptions,
-                message_backlog_size=MOST_WAITING,
-            )
-        except (OSError, RuntimeError) as err:
-            where = f"{self._host}:{self._port}"
-            msg = f"Foxglove: cannot listen at {where}: {err}: choose another port"
-            raise ConfigError(msg) from err
+        address = self._listener.start()
         self._thread.start()
-        host = f"[{self._host}]" if ":" in self._host else self._host
-        return f"ws://{host}:{self._server.port}"
+        return address
 
     def offer(self, topic: str, type_name: str) -> Channel | None:
         """Return a channel for what is live; None of a topic that the history speaks on.
@@ -155,14 +138,14 @@ class FoxgloveFace:
         """End."""
         self._end.set()
         self._thread.join(10.0)
-        if self._server is not None:
-            self._server.stop()
+        self._listener.stop()
 
     def _run(self) -> None:
         due_s, told, pause_s = 0.0, "", PAUSE_S
         asked: set[str] = set()
         while not self._end.wait(pause_s):
             begun_s = time.thread_time()
+            self._listener.look()
             asked |= self._subscriptions.take()
             now_s = time.monotonic()
             if not asked and now_s < due_s:
