@@ -21,7 +21,7 @@ LINE = re.compile(
 
 @pytest.mark.alone
 def test_every_line_of_an_area_says_what_was_compared_and_how_it_ended():
-    """All areas run as a step of `make test`; two are held to half their goals here."""
+    """All areas run in steps of `make test`; two are held to half their goals here."""
     lines: list[str] = []
     run_benchmarks(quick=True, write=lines.append, areas=["simulation", "estimation"])
     reference, sense, *ratios = "".join(lines).splitlines()
@@ -34,6 +34,12 @@ def test_every_line_of_an_area_says_what_was_compared_and_how_it_ended():
         assert value >= 0.5 * goal
         assert match[7] == ("reached" if value >= goal else "not reached")
         assert value == pytest.approx(peer / ours, rel=0.02)
+
+
+def test_make_test_measures_every_area_once(root):
+    steps = re.findall(r"valve-twin bench --quick (.+)", (root / "tools" / "check").read_text())
+    areas = [area for step in steps for area in step.split()]
+    assert sorted(areas) == sorted(run.AREAS)
 
 
 def test_a_ratio_says_whether_it_reached_its_goal():
