@@ -5,11 +5,13 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from valve_twin_msgs.msg import Float64Stamped
+from valve_twin_msgs.srv import MarkMaintenance
 
 from test.nodes.player.test_flow_control import TOPICS, write_bag
 from valve_twin.nodes.runtime.transport import profile
@@ -184,3 +186,14 @@ def test_nodes_beside_a_running_one_need_not_wait_for_its_third_second(graph):
         assert done.returncode == 0, done.stderr
         heard_s.append(float(done.stdout))
     assert sorted(heard_s)[-2] < 2.5, heard_s  # one may have found no core
+
+
+def test_two_participants_of_a_process_meet_while_one_makes_and_removes_endpoints(graph):
+    """By default they call each other, and one of ten pairs never met."""
+    graph.record("/said", Float64Stamped)
+    for k in range(16):
+        says = graph.stranger(f"s{k}").create_publisher(Float64Stamped, "/said", 10)
+        end = time.monotonic() + 0.1
+        while time.monotonic() < end:
+            graph.node.destroy_client(graph.node.create_client(MarkMaintenance, "/marked"))
+        graph.spin_until(says.get_subscription_count, 20.0, what=f"the ear of stranger {k}")
