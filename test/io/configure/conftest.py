@@ -10,7 +10,12 @@ from valve_twin.io.configure import survey
 
 
 @pytest.fixture
-def one_model(monkeypatch):
+def no_black_box(monkeypatch):
+    """Try the models of valves, and no black box beside them: half of the CPU of a choice."""
+    monkeypatch.setattr(survey, "try_baseline", lambda *_, **__: None)
+
+
+@pytest.fixture
+def one_model(monkeypatch, no_black_box):
     """Try the example of a valve alone, and no black box beside it."""
     monkeypatch.setattr(trial, "_valves", lambda: [get_model("first_order")])
-    monkeypatch.setattr(survey, "try_baseline", lambda *_, **__: None)

@@ -48,6 +48,7 @@ def cylinder(seed, dead=0.6):
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("no_black_box")
 def test_a_cylinder_whose_command_rests_at_zero_is_no_press(tmp_path):
     """Its two sides drive it as those of the press valve do, whose law knows no dead band."""
     command, ram = cylinder(5)
@@ -70,6 +71,7 @@ def test_a_bipolar_command_that_a_spool_follows_is_not_split(tmp_path):
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("no_black_box")
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_the_difference_of_two_pressures_answers_where_neither_does(tmp_path, way):
     rng = np.random.default_rng(3)

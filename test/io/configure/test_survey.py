@@ -109,6 +109,7 @@ def test_strokes_without_a_command_are_followed_by_their_timing(tmp_path):
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("no_black_box")
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_motion_that_integrates_its_command_is_followed(tmp_path, way):
     opening = steps(low=-100.0, high=100.0)
@@ -131,6 +132,7 @@ def test_a_motion_that_integrates_its_command_is_followed(tmp_path, way):
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("no_black_box")
 def test_the_longest_lag_of_a_long_record_is_told_in_its_own_samples(tmp_path):
     """The trial is made on each fifth sample, the twin takes all."""
     lag, n = 60, 10 * N
@@ -171,6 +173,7 @@ def test_a_bad_file_among_several_is_named_and_left_out(tmp_path):
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("no_black_box")
 def test_the_boiler_valve_is_found_among_ten_channels(shared):
     path = shared / "damadics_boiler_valve" / "boiler_valve_first_half.csv"
     _, choice = chosen(look([path], ClockChoice()))
@@ -179,6 +182,7 @@ def test_the_boiler_valve_is_found_among_ten_channels(shared):
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("no_black_box")
 def test_the_cylinder_is_found_among_sixteen_nameless_channels(shared):
     paths = [shared / "eha_cylinder" / "exp_data_2_2.csv.gz"]
     _, choice = chosen(look(paths, ClockChoice()))

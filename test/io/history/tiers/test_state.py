@@ -38,16 +38,16 @@ def packed(content):
 @pytest.mark.parametrize(
     "wrong",
     [
-        "",
-        "?",
-        packed(b"{}\n"),
-        packed(b"[" * 100_000),
-        packed(b'{"arrays": []}\n' + bytes(1 << 27)),
+        lambda: "",
+        lambda: "?",
+        lambda: packed(b"{}\n"),
+        lambda: packed(b"[" * 100_000),
+        lambda: packed(b'{"arrays": []}\n' + bytes(1 << 27)),
     ],
     ids=["empty", "no text", "no state", "nested", "bomb"],
 )
 def test_what_cannot_be_read_is_nothing(wrong):
-    assert text_state(wrong) is None
+    assert text_state(wrong()) is None
 
 
 def test_half_a_text_is_nothing():
