@@ -2,10 +2,11 @@
 # Copyright 2026 valve_twin maintainers
 """A PLC for tests: a server of asyncua in its own process that writes what it is told to.
 
-    python plc.py PORT TAGS QUEUE FIRST_NS PUBLISHING_MS
+    python plc.py PORT TAGS QUEUE FIRST_NS PUBLISHING_MS NAMESPACES
 
 It keeps at most QUEUE samples of a tag, without a word where it loses one, and sends every
 PUBLISHING_MS at most; 0 = as asyncua does. What a tag holds at first is stamped FIRST_NS; 0 = now.
+NAMESPACES are names with commas between them: each gets an index and a tag0 that holds it.
 
 A line of JSON from stdin is a write of many samples: columns by tag, start and period [ns], pace
 [samples/s] (0 = as fast as it can), status. It answers with a line when it is done.
@@ -29,7 +30,9 @@ def say(word: str) -> None:
     sys.stdout.flush()
 
 
-async def serve(port: int, tags: int, queue: int, first_ns: int, publishing_ms: float) -> None:
+async def serve(
+    port: int, tags: int, queue: int, first_ns: int, publishing_ms: float, spaces: str
+) -> None:
     from asyncua import Server, ua
 
     server = Server()
@@ -43,6 +46,10 @@ async def serve(port: int, tags: int, queue: int, first_ns: int, publishing_ms: 
     for tag in range(tags):
         name = ua.QualifiedName(f"tag{tag}", 1)
         await server.nodes.objects.add_variable(ua.NodeId(f"tag{tag}", 1), name, 0.0)
+    for space in filter(None, spaces.split(",")):
+        index = await server.register_namespace(space)
+        name = ua.QualifiedName("tag0", index)
+        await server.nodes.objects.add_variable(ua.NodeId("tag0", index), name, float(index))
     if first_ns:
         first = {str(tag): [0.0] for tag in range(tags)}
         await write(server, {"columns": first, "start_ns": first_ns, "period_ns": 0})
@@ -99,8 +106,9 @@ class Plc:
         queue: int = 0,
         first_ns: int = 0,
         publishing_ms: float = 0.0,
+        namespaces: str = "",
     ) -> None:
-        given = port, tags, queue, first_ns, publishing_ms
+        given = port, tags, queue, first_ns, publishing_ms, namespaces
         self.address = f"opc.tcp://127.0.0.1:{port}"
         self.process = subprocess.Popen(
             [sys.executable, __file__, *map(str, given)],
@@ -135,5 +143,6 @@ class Plc:
 
 
 if __name__ == "__main__":
-    port, tags, queue, first_ns, publishing_ms = sys.argv[1:]
-    asyncio.run(serve(int(port), int(tags), int(queue), int(first_ns), float(publishing_ms)))
+    port, tags, queue, first_ns, publishing_ms, spaces = sys.argv[1:]
+    numbers = int(port), int(tags), int(queue), int(first_ns), float(publishing_ms)
+    asyncio.run(serve(*numbers, spaces))

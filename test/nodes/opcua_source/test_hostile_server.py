@@ -330,6 +330,29 @@ def test_a_sampling_interval_that_is_no_number_is_not_known(plant):
     plant.begin()
 
 
+def test_a_flood_of_sound_samples_is_kept_in_bounds_and_what_is_lost_is_counted(
+    plant, monkeypatch
+):
+    """Nobody takes them, as where the node has no computing time."""
+    monkeypatch.setattr(module, "MOST_WAITING", 20_000)
+
+    def flooding(message: Any) -> None:
+        for note in message.Parameters.NotificationMessage.NotificationData or []:
+            if isinstance(note, ua.DataChangeNotification):
+                items = list(note.MonitoredItems)  # a part of a message is 64 kB at most
+                note.MonitoredItems = items * (1000 // len(items))
+
+    before_mb = memory_mb()
+    figures = plant.client.figures
+    dropped = figures.dropped
+    plant.begin(answer(ua.PublishResponse, flooding))
+    plant.client.until(lambda: figures.dropped > dropped + 20_000)
+    assert len(plant.client.subscription._waiting) <= 20_000
+    assert memory_mb() < before_mb + MORE_MB
+    assert figures.connected
+    plant.begin()
+
+
 def mutated(rng: random.Random, chunk: bytes) -> bytes:
     """Return a chunk with one damage by chance."""
     data, at = bytearray(chunk), rng.randrange(len(chunk))

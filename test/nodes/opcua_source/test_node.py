@@ -109,6 +109,26 @@ def test_overflows_are_told_again_after_a_restart(graph, plc):
         assert node.trigger_deactivate() == node.trigger_activate()
 
 
+def test_what_the_node_does_not_take_in_time_is_told_as_a_loss(graph, plc):
+    node = graph.host(OpcuaSourceNode, address=plc.address, tags=["position ns=1;s=tag0"])
+    graph.spin_until(lambda: node._subscription.figures.connected, what="the PLC")
+    node._subscription.figures.dropped = 5
+    graph.spin_until(lambda: lost(node) == 5, what="a word")
+    (fault,) = (f for f in node.faults.faults() if f.kind.code == "input.loss")
+    assert "5 samples came faster than this node publishes" in fault.evidence
+
+
+def test_stamps_that_go_back_are_told_and_a_clock_that_was_set_once_is_not(graph, plc):
+    figures = host(graph, plc, ["position ns=1;s=tag0", "other ns=1;s=tag1"])
+    (node,) = graph.hosted
+    plc.write({0: [1.0, 2.0]}, START_NS, 30 * MS)  # what it began with is of today
+    plc.write({1: [1.0] * 8}, START_NS, -30 * MS)
+    counted = "stamped before the one before"
+    graph.spin_until(lambda: figures[counted] == "9", what="a count")
+    (fault,) = (f for f in node.faults.faults() if f.kind.code == "stamps.late")
+    assert "of ns=1;s=tag1 the most, 8 in all" in fault.evidence
+
+
 def test_a_message_that_cannot_be_read_is_told_as_a_loss(graph, plc):
     node = graph.host(OpcuaSourceNode, address=plc.address, tags=["position ns=1;s=tag0"])
     graph.spin_until(lambda: node._subscription.figures.connected, what="the PLC")

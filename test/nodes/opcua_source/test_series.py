@@ -98,3 +98,11 @@ def test_where_our_own_clock_is_set_back_gaps_count_as_well():
     assert list(grid.sorted([Sample(0, now_ns, 1.0)], now_ns))
     assert list(grid.sorted([Sample(0, now_ns + 5 * s, 1.0)], now_ns - 3600 * s))
     assert grid.missing == 4
+
+
+def test_stamps_that_go_back_are_counted_but_for_the_first_of_a_connection():
+    grid = Grid(0.0)
+    assert list(grid.sorted(samples(10, 20, 15, 16, 30, 1), 0))
+    assert grid.late == 2
+    assert list(grid.sorted([Sample(0, 0 * MS + 1, 1.0, first=True)], 0))
+    assert grid.late == 2

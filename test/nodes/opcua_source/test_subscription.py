@@ -149,6 +149,36 @@ def test_a_thousand_tags_are_asked_for_in_parts(monkeypatch):
         plc.kill()
 
 
+def test_tags_are_taken_where_their_namespace_is_after_a_restart_or_told_as_gone():
+    """After an update of the PLC the same id was another tag, taken in silence."""
+    names = ["ns=1;s=tag0", "ns=2;s=tag0", "ns=3;s=tag0"]
+    port = free_port()
+    plc = Plc(port, namespaces="urn:a,urn:b")
+    client = Client(plc.address, names=names)
+
+    def values() -> dict[int, float]:
+        return {s.tag: s.value for s in client.take()}
+
+    try:
+        client.until(lambda: values() == {0: 0.0, 1: 2.0, 2: 3.0})
+        for spaces, unknown, moved, found in (
+            ("urn:b,urn:a", {}, "urn:a has moved from ns=2 to ns=3", {0: 0.0, 1: 3.0, 2: 2.0}),
+            ("urn:c,urn:b", {1: "urn:a is gone, ns=2 is urn:c now"}, "gone", {0: 0.0, 2: 3.0}),
+        ):
+            plc.kill()
+            client.until(lambda: not client.figures.connected)
+            client.take().clear()
+            plc = Plc(port, namespaces=spaces)
+            client.until(lambda at=found: values() == at)
+            client.until(lambda: client.figures.connected)
+            assert moved in client.figures.moved
+            assert set(client.figures.unknown) == set(unknown)
+            assert all(text in client.figures.unknown[tag] for tag, text in unknown.items())
+    finally:
+        client.subscription.close()
+        plc.kill()
+
+
 def test_a_server_that_is_killed_is_live_again_soon(monkeypatch):
     outlive(3)
 

@@ -46,8 +46,8 @@ class OpcuaSourceNode(ValveNode):
         self._publishers: list[Any] = []
         self._grids: list[Grid] = []
         self._diagnostics: Diagnostics | None = None
-        self._told_lost = self._told_unread = 0
-        self._told_doubt = ""
+        self._told: dict[str, int] = {}
+        self._told_doubts: set[str] = set()
 
     def configure(self) -> None:
         """Read the parameters."""
@@ -85,7 +85,7 @@ class OpcuaSourceNode(ValveNode):
             self.create_publisher(kind, tag.topic, sending_profile()) for tag in self._tags
         ]
         self._grids = [Grid(given.period_s) for _ in self._tags]
-        self._told_lost = self._told_unread = 0  # a subscription counts anew
+        self._told.clear()  # a subscription counts anew
         server = Server(
             given.address,
             given.user,
@@ -150,6 +150,7 @@ class OpcuaSourceNode(ValveNode):
             "lost (queue of the server), at least": figures.overflows,
             "lost (this node too slow)": figures.dropped,
             "messages that cannot be read": figures.unread,
+            "stamped before the one before": sum(grid.late for grid in self._grids),
             "repeated after a connection": sum(grid.repeated for grid in self._grids),
             "sent every [ms]": f"{figures.publishing_ms:g}",
             "clock of the PLC ahead [s]": f"{figures.ahead_s:.3f}",
@@ -158,34 +159,53 @@ class OpcuaSourceNode(ValveNode):
         self.faults.look("input.silent", gone, valve=report.hardware_id, subject=given.address)
         self._look_for_missing(dict(figures.unknown), report.hardware_id)
         self._tell_lost(figures, report.hardware_id)
-        doubt = f"{given.address}: {figures.doubt}" if figures.doubt else ""
-        if doubt:
+        doubts = {f"{given.address}: {d}" for d in (figures.doubt, figures.moved) if d}
+        for doubt in sorted(doubts):
             report.raise_to(WARN, doubt)
-        if doubt and doubt != self._told_doubt:
-            self.get_logger().warning(doubt)
-        self._told_doubt = doubt or self._told_doubt
+            if doubt not in self._told_doubts:
+                self.get_logger().warning(doubt)
+        self._told_doubts |= doubts
         if abs(figures.ahead_s) > CLOCK_S:
             text = f"the PLC's clock is {figures.ahead_s:+.0f} s from this machine's"
             report.raise_to(WARN, text)
         return [report]
 
-    def _tell_unread(self, figures: Figures, valve: str) -> None:
-        new, self._told_unread = figures.unread - self._told_unread, figures.unread
-        if new > 0:
-            evidence = (
-                f"{self._given.address}: {new} messages of the server cannot be read, whatever "
-                f"samples they held: {figures.unread_why}"
-            )
-            self.faults.report("input.loss", evidence, valve=valve, events=new)
+    def _new(self, what: str, count: int) -> int:
+        """Return how many of a kind came since the last time."""
+        new, self._told[what] = count - self._told.get(what, 0), count
+        return max(new, 0)
 
     def _tell_lost(self, figures: Figures, valve: str) -> None:
-        """Tell what was lost since the last time: by stamps, else what the server says."""
-        self._tell_unread(figures, valve)
+        """Tell what was lost since the last time, and stamps that no twin can use."""
+        losses = (self._unread(figures), self._dropped(figures), self._missing(figures))
+        for events, text in losses:
+            if events:
+                evidence = f"{self._given.address}: {text}"
+                self.faults.report("input.loss", evidence, valve=valve, events=events)
+        late = self._new("late", sum(grid.late for grid in self._grids))
+        if late:
+            worst = max(range(len(self._tags)), key=lambda tag: self._grids[tag].late)
+            evidence = (
+                f"{self._given.address}: {late} samples are stamped before the one before, of "
+                f"{self._tags[worst].node} the most, {self._grids[worst].late} in all"
+            )
+            self.faults.report("stamps.late", evidence, valve=valve, events=late)
+
+    def _unread(self, figures: Figures) -> tuple[int, str]:
+        new = self._new("unread", figures.unread)
+        text = f"{new} messages of the server cannot be read, whatever samples they held"
+        return new, f"{text}: {figures.unread_why}"
+
+    def _dropped(self, figures: Figures) -> tuple[int, str]:
+        new = self._new("dropped", figures.dropped)
+        text = f"{new} samples came faster than this node publishes: let the server sample slower"
+        return new, f"{text} (sampling_ms), or give the process more computing time"
+
+    def _missing(self, figures: Figures) -> tuple[int, str]:
+        """Return what was lost on the way: by stamps, else what the server says."""
         given = self._given
         lost = sum(grid.missing for grid in self._grids) if given.period_s else figures.overflows
-        new, self._told_lost = lost - self._told_lost, lost
-        if new <= 0:
-            return
+        new = self._new("lost", lost)
         text = f"a queue of the server overflowed {new} times: one sample or more is lost each"
         if given.period_s:
             worst = max(range(len(self._tags)), key=lambda tag: self._grids[tag].missing)
@@ -195,8 +215,7 @@ class OpcuaSourceNode(ValveNode):
             f"the server sends every {figures.publishing_ms:g} ms: look at the load of PLC and "
             "network" + ("" if given.period_s else "; set period_s to have samples counted")
         )
-        evidence = f"{given.address}: {text}: {why}"
-        self.faults.report("input.loss", evidence, valve=valve, events=new)
+        return new, f"{text}: {why}"
 
     def _look_for_missing(self, unknown: dict[int, str], valve: str) -> None:
         """Tell the tags that the server does not know, each or, where they are many, in a line."""

@@ -36,6 +36,8 @@ class Grid:
     missing, unheard : int
         Samples whose stamps are missing while connected, and those between two connections; not
         what a clock that was set jumps over [1].
+    late : int
+        Samples with an older stamp than the one before, but for the first of a connection [1].
     """
 
     def __init__(self, period_s: float) -> None:
@@ -44,6 +46,7 @@ class Grid:
         self._connections = 0
         self._begins = False
         self.samples = self.masked = self.missing = self.unheard = self.repeated = 0
+        self.late = 0
 
     def sorted(self, samples: Iterable[Sample], now_ns: int) -> Iterator[tuple[int, list[float]]]:
         """Yield runs: the stamp of the first sample [ns since 1970] and all values.
@@ -82,6 +85,7 @@ class Grid:
     def _count(self, stamp_ns: int, sample: Sample, most_ns: int) -> None:
         self.samples += 1
         self.masked += math.isnan(sample.value)
+        self.late += stamp_ns < self._last_ns and not sample.first
         if self._period_ns and 0 < self._last_ns < stamp_ns <= self._last_ns + most_ns:
             gap = max(round((stamp_ns - self._last_ns) / self._period_ns) - 1, 0)
             if not (sample.first or self._begins):

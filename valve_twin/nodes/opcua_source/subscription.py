@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from valve_twin.compat import bound_arrays, bound_messages, publishing_of, subscribing_of
 from valve_twin.nodes.opcua_source.complaints import Complaints, one_line
+from valve_twin.nodes.opcua_source.namespaces import Namespaces
 from valve_twin.nodes.opcua_source.tags import Sample, to_sample
 from valve_twin.nodes.opcua_source.terms import LEAST_MS, Granted, Terms
 
@@ -34,8 +35,8 @@ AGAIN_S = 5.0
 PART = 200
 """So many tags are asked for at a time: a server refuses too many in one call, assumed [1]."""
 
-MOST_WAITING = 1_000_000
-"""Samples kept for the node; beyond it the oldest are lost and counted [1]."""
+MOST_WAITING = 250_000
+"""Samples kept for the node, 40 MB; beyond it the oldest are lost and counted [1]."""
 
 MOST_MESSAGE_B = 4 * 2**20
 """A server that sends more at once is let go: 100 000 samples, ten full queues [B]."""
@@ -102,6 +103,8 @@ class Figures:
         Messages of the server that nobody could read [1].
     unread_why : str
         Why not the last of them.
+    moved : str
+        What became of namespaces whose index is another one now, in one line.
     ahead_s : float
         Stamp of the last good sample less our clock when it came; the first of a tag after a
         connection says nothing, it may be as old as its value [s].
@@ -117,6 +120,7 @@ class Figures:
     dropped: int = 0
     unread: int = 0
     unread_why: str = ""
+    moved: str = ""
     ahead_s: float = 0.0
 
 
@@ -140,6 +144,7 @@ class TagSubscription:
         self._told = False
         self._numbers: dict[Any, int] = {}
         self._heard: set[int] = set()
+        self._spaces = Namespaces()
         self._count = 0
         self._end = self._ended = False
         self._thread = threading.Thread(target=self._run, name="opcua_source", daemon=True)
@@ -231,8 +236,6 @@ class TagSubscription:
         return client
 
     async def _subscribed(self) -> None:
-        from asyncua import ua
-
         bound_arrays()
         client = self._client()
         if self._server.folder:
@@ -243,13 +246,12 @@ class TagSubscription:
         try:
             await asyncio.wait_for(client.connect(), 2.0 * TIMEOUT_S)
             _check_granted(client)
-            ids = [ua.NodeId.from_string(text) for text in self._nodes]
-            self._numbers = {node: number for number, node in enumerate(ids)}
+            self._numbers = {}
             self._heard.clear()
             self._granted = Granted(client.uaclient.session)
             self._terms = Terms(self._server.period_s, self._server.queue)
             subscription = await client.create_subscription(self._server.publishing_ms, self)
-            await self._add(client, subscription, range(len(ids)))
+            await self._add(client, subscription, range(len(self._nodes)))
             self.figures.connected, self.figures.trouble = True, ""
             self.figures.connections += 1
             self._ended = False
@@ -286,22 +288,44 @@ class TagSubscription:
                 again_s = loop.time() + AGAIN_S
             await self._pause(RETRY_S)
 
+    async def _found(self, client: Any, tags: Sequence[int]) -> dict[int, Any]:
+        """Return the ids of tags in the namespaces that they had first; of gone ones none."""
+        from asyncua import ua
+
+        with suppress(ua.UaStatusCodeError):  # a server that does not tell has what it had
+            array = client.get_node(ua.ObjectIds.Server_NamespaceArray)
+            uris = await asyncio.wait_for(array.read_value(), TIMEOUT_S)
+            self._spaces.see(uris if isinstance(uris, list) else [])
+        found = {}
+        for tag in tags:
+            node = ua.NodeId.from_string(self._nodes[tag])
+            index = self._spaces.index(node.NamespaceIndex)
+            if index is None:
+                self.figures.unknown[tag] = self._spaces.moved(node.NamespaceIndex)
+            else:
+                found[tag] = ua.NodeId(node.Identifier, index, node.NodeIdType)
+                self._numbers[found[tag]] = tag
+        used = {ua.NodeId.from_string(node).NamespaceIndex for node in self._nodes}
+        self.figures.moved = "; ".join(filter(None, map(self._spaces.moved, sorted(used))))
+        return found
+
     async def _add(self, client: Any, subscription: Any, tags: Sequence[int]) -> None:
         """Subscribe tags with every stamp, also where the value stays the same."""
         from asyncua import ua
 
         every = ua.DataChangeFilter(Trigger=ua.DataChangeTrigger.StatusValueTimestamp)
         self._granted.items.clear()
-        for first in range(0, len(tags), PART):
-            nodes = [client.get_node(self._nodes[tag]) for tag in tags[first : first + PART]]
+        found = await self._found(client, tags)
+        ids = list(found.values())
+        for first in range(0, len(ids), PART):
             await subscribing_of(subscription)(
-                nodes,
+                [client.get_node(node) for node in ids[first : first + PART]],
                 ua.AttributeIds.Value,
                 mfilter=every,
                 queuesize=self._server.queue,
                 sampling_interval=self._server.sampling_ms,
             )
-        for tag, result in zip(tags, self._granted.items, strict=True):
+        for tag, result in zip(found, self._granted.items, strict=True):
             if result.StatusCode.is_good():
                 self.figures.unknown.pop(tag, None)
                 self._terms.queues[tag] = max(result.RevisedQueueSize, 1)
