@@ -27,11 +27,23 @@ def _matrix(kind: int, columns: int, name: str, inside: int) -> bytes:
     return struct.pack("<II", 14, len(head) + inside) + head
 
 
-def _mat(path, parts) -> None:
+def packed(first: bytes, zeros: int) -> bytes:
+    """Return bytes and so many zeros behind them as zlib packs them; it packs one MB of these.
+
+    After a full flush each MB becomes the same bytes, and zeros add to one half of Adler's sum.
+    """
     packer = zlib.compressobj(6)
-    packed = b"".join(packer.compress(part) for part in parts) + packer.flush()
+    start = packer.compress(first) + packer.flush(zlib.Z_FULL_FLUSH)
+    block = packer.compress(bytes(1 << 20)) + packer.flush(zlib.Z_FULL_FLUSH)
+    rest = packer.compress(bytes(zeros % (1 << 20))) + packer.flush()
+    high, low = divmod(zlib.adler32(first), 1 << 16)
+    total = (high + zeros * low) % 65521 << 16 | low
+    return start + block * (zeros >> 20) + rest[:-4] + struct.pack(">I", total)
+
+
+def _mat(path, content: bytes) -> None:
     start = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H2s", 0x0100, b"IM")
-    path.write_bytes(start + struct.pack("<II", 15, len(packed)) + packed)
+    path.write_bytes(start + struct.pack("<II", 15, len(content)) + content)
 
 
 def _structure(path, count: int, stored: int, width: int) -> None:
@@ -39,9 +51,7 @@ def _structure(path, count: int, stored: int, width: int) -> None:
     numbers = _matrix(DOUBLE, count, "", 8 + size) + struct.pack("<II", stored, size)
     fields = struct.pack("<HHi", 5, 4, 8) + struct.pack("<II", 1, 8) + b"x".ljust(8, b"\0")
     head = _matrix(STRUCTURE, 1, "s", len(fields) + len(numbers) + size)
-    _mat(
-        path, [head + fields + numbers, *[bytes(1 << 20)] * (size >> 20), bytes(size % (1 << 20))]
-    )
+    _mat(path, packed(head + fields + numbers, size))
 
 
 def mat_doubles(path, count: int) -> None:
@@ -59,7 +69,8 @@ def mat_cells(path, count: int) -> None:
     inmost = _matrix(DOUBLE, 1, "", 16) + struct.pack("<IId", DOUBLES, 8, 1.0)
     step = len(_matrix(CELL, 1, "", 0))
     heads = [_matrix(CELL, 1, "", len(inmost) + step * k) for k in reversed(range(count))]
-    _mat(path, [_matrix(CELL, 1, "c", len(inmost) + step * count), *heads, inmost])
+    outmost = _matrix(CELL, 1, "c", len(inmost) + step * count)
+    _mat(path, zlib.compress(b"".join((outmost, *heads, inmost)), 6))
 
 
 def _workbook(path, rows: str, size: str, texts: str = "") -> None:
@@ -135,12 +146,11 @@ def mdf_block(path, count: int) -> None:
     at = whole.index(b"##DZ")
     form = "<4sIQQ2sBBIQQ"
     head = list(struct.unpack_from(form, whole, at))
-    packer = zlib.compressobj(6)
-    packed = b"".join(packer.compress(bytes(1 << 20)) for _ in range(count >> 20)) + packer.flush()
-    head[2], head[9] = struct.calcsize(form) + len(packed), len(packed)
+    zeros = packed(b"", count)
+    head[2], head[9] = struct.calcsize(form) + len(zeros), len(zeros)
     whole += bytes(-len(whole) % 8)
     moved = whole.replace(struct.pack("<Q", at), struct.pack("<Q", len(whole)))
-    path.write_bytes(moved + struct.pack(form, *head) + packed)
+    path.write_bytes(moved + struct.pack(form, *head) + zeros)
 
 
 def _varint(number: int, width: int = 0) -> bytes:
