@@ -102,7 +102,7 @@ class Twin:
     """Deterministic state machine of one valve.
 
     `predicts` may be set to False before the first sample where only estimates are wanted, which
-    do not depend on predictions.
+    do not depend on predictions; `in_force` is not followed then.
 
     Parameters
     ----------
@@ -404,7 +404,7 @@ class Twin:
         events: list[Event] = []
         while self._waiting and self._may_begin(self._waiting[0].ordinal):
             part = self._waiting.popleft()
-            if part.opens:
+            if part.opens and self.predicts:
                 self._in_force = self._force(self._memory_at(part.ordinal - EFFECT_DELAY))
             if self.predicts:
                 events.append(self._predict(part))

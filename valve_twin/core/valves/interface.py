@@ -318,7 +318,12 @@ class ValveModel(Protocol):
         estimates : sequence of Estimate
             Of one estimator, oldest first, at least one, none refused.
         """
-        return {p.name: p.value for e in estimates for p in e.parameters if isfinite(p.value)}
+        found: dict[str, float] = {}
+        for estimate in reversed(estimates):  # the newest mostly has them all
+            for p in estimate.parameters:
+                if p.name not in found and isfinite(p.value):
+                    found[p.name] = p.value
+        return found
 
     def options_for(self, cycle: FloatArray, period_s: float) -> Mapping[str, object]:
         """Return options that `configure` reads off the mean cycle of a record without commands.

@@ -10,11 +10,12 @@ not count as scatter, and neither must a few outliers: a line is fitted robustly
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.data.robust import robust_sigma
+from valve_twin.core.estimation.cycle.scatter_kernel import scatter_about_line
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -46,9 +47,15 @@ class Scatter:
         """Return the half width of the 95 % interval of one estimate."""
         if not np.isfinite(self.sigma):
             return float("nan")
-        from scipy.special import stdtrit  # slow to import
+        return _student_975(self.freedom) * self.sigma
 
-        return float(stdtrit(self.freedom, 0.975)) * self.sigma
+
+@cache
+def _student_975(freedom: int) -> float:
+    """Return the 97.5 % point of Student's distribution; a memory is short, so there are few."""
+    from scipy.special import stdtrit  # slow to import
+
+    return float(stdtrit(freedom, 0.975))
 
 
 NOT_CALIBRATED = Scatter(float("nan"), 0)
@@ -67,17 +74,7 @@ def scatter_between_cycles(values: FloatArray) -> Scatter:
     Scatter
         `NOT_CALIBRATED` for fewer than `MIN_CYCLES` values.
     """
-    n = len(values)
-    if n < MIN_CYCLES:
+    if len(values) < MIN_CYCLES:
         return NOT_CALIBRATED
-    x = np.arange(n, dtype=np.float64)
-    i, j = np.triu_indices(n, 1)
-    slope = float(np.median((values[j] - values[i]) / (x[j] - x[i])))
-    off = values - slope * x
-    off = off - np.median(off)
-    limit = _OUTLIER_SIGMAS * robust_sigma(off)
-    keep = np.abs(off) <= limit if limit > 0.0 else np.ones(n, dtype=np.bool_)
-    x, y = x[keep] - x[keep].mean(), values[keep] - values[keep].mean()
-    squares = float((y * y).sum() - (x * y).sum() ** 2 / (x * x).sum())
-    freedom = len(y) - 2
-    return Scatter(float(np.sqrt(max(squares, 0.0) / freedom)), freedom)
+    values = np.ascontiguousarray(values, np.float64)
+    return Scatter(*scatter_about_line(values, _OUTLIER_SIGMAS))

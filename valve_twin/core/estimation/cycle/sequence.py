@@ -10,6 +10,7 @@ restarted from its history all give the same bits.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import isfinite, isnan, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +34,7 @@ from valve_twin.core.types import (
     Frames,
     Guard,
     Parameter,
+    ParameterStatus,
     ParameterValue,
     Validity,
 )
@@ -262,10 +264,12 @@ def _judged(
     elif estimate.estimator == model.trend_estimator and fit_test < 0.0:
         estimate = replace(estimate, guards=(*estimate.guards, _next_cycle(fit_test)))
     known = {p.name: p for p in model.parameters}
+    series = _usable_series(before)
     return replace(
         estimate,
         parameters=tuple(
-            _with_interval(p, known.get(p.name), before) for p in estimate.parameters
+            _with_interval(p, known.get(p.name), series.get(p.name, ()))
+            for p in estimate.parameters
         ),
         mse_test=mse_test,
         fit_test=fit_test,
@@ -321,8 +325,20 @@ def _mean_conditions(frames: Frames) -> list[Condition]:
     return found
 
 
+def _usable_series(before: Sequence[Estimate]) -> dict[str, list[float]]:
+    """Return the usable values of each parameter, oldest first."""
+    found: dict[str, list[float]] = {}
+    for estimate in before:
+        for p in estimate.parameters:
+            if p.status is ParameterStatus.OK:
+                if p.name not in found:
+                    found[p.name] = []
+                found[p.name].append(p.value)
+    return found
+
+
 def _with_interval(
-    value: ParameterValue, parameter: Parameter | None, before: tuple[Estimate, ...]
+    value: ParameterValue, parameter: Parameter | None, series: Sequence[float]
 ) -> ParameterValue:
     """Add scatter and interval, from earlier cycles, inside the physical bounds.
 
@@ -331,20 +347,19 @@ def _with_interval(
     without a standard error; infinite ones stay unknown. An estimator that gives an honest error
     of its own keeps it.
     """
-    if not value.usable or np.isfinite(value.standard_error):
+    if not value.usable or isfinite(value.standard_error):
         return value
-    series = [p.value for e in before for p in e.parameters if p.name == value.name and p.usable]
     scatter = scatter_between_cycles(np.array(series))
     lower, upper = (
         (parameter.lower, parameter.upper) if parameter is not None else (-np.inf, np.inf)
     )
-    alike = value.upper_95 - value.value if not np.isnan(value.upper_95) else 0.0
+    alike = value.upper_95 - value.value if not isnan(value.upper_95) else 0.0
     half = float(np.hypot(scatter.half_width_95, alike))
     return replace(
         value,
         standard_error=scatter.sigma,
-        lower_95=max(value.value - half, lower) if np.isfinite(half) else float("nan"),
-        upper_95=min(value.value + half, upper) if np.isfinite(half) else float("nan"),
+        lower_95=max(value.value - half, lower) if isfinite(half) else nan,
+        upper_95=min(value.value + half, upper) if isfinite(half) else nan,
     )
 
 
@@ -365,10 +380,7 @@ def _in_force(
 def _expected_sigma(estimates: tuple[Estimate, ...]) -> float:
     """Median one-step error of the last cycles, as test data where they were."""
     errors = np.array(
-        [
-            e.mse_test if np.isfinite(e.mse_test) else e.mse_train
-            for e in estimates[-_SIGMA_CYCLES:]
-        ]
+        [e.mse_test if isfinite(e.mse_test) else e.mse_train for e in estimates[-_SIGMA_CYCLES:]]
     )
     errors = errors[np.isfinite(errors)]
     return float(np.sqrt(np.median(errors))) if len(errors) else float("nan")

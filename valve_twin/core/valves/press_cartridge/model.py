@@ -43,7 +43,11 @@ from valve_twin.core.valves.press_cartridge.estimation.lag import LagScan, scan_
 from valve_twin.core.valves.press_cartridge.estimation.output_error import fit_output_error
 from valve_twin.core.valves.press_cartridge.estimation.response.accuracy import scatter_halves
 from valve_twin.core.valves.press_cartridge.estimation.response.signals import signal_fault
-from valve_twin.core.valves.press_cartridge.estimation.response.timing import Timing, pool_timing
+from valve_twin.core.valves.press_cartridge.estimation.response.timing import (
+    Timing,
+    pool_timing,
+    timings_alone,
+)
 from valve_twin.core.valves.press_cartridge.estimator_options import (
     equation_error_options,
     feature_options,
@@ -270,20 +274,18 @@ class PressCartridgeModel(AsLaw, CompiledModel):
         data = (cycle.frames, masks, cycle.period_s)
         before = [e for e in earlier if e.estimator == name]
         if name == kalman.ESTIMATOR:
-            pooled = pool_ratios(np.array([e.value("noise_ratio") for e in before]))
+            ratios = pool_ratios(np.array([e.value("noise_ratio") for e in before]))
             fit = fit_kalman(
                 *data,
                 noise_sigma=sigma,
-                pooled=pooled,
+                pooled=ratios,
                 timing=timing,
                 scatter=scatter_halves(before),
                 options=chosen,
             )
         else:
-            alone = [(e.value("delay_alone"), e.value("pole_alone")) for e in before]
-            fit = fit_output_error(
-                *data, noise_sigma=sigma, pooled=pool_timing(alone), options=chosen
-            )
+            pooled = pool_timing(timings_alone(before))
+            fit = fit_output_error(*data, noise_sigma=sigma, pooled=pooled, options=chosen)
         return self._estimate(
             name,
             cycle,

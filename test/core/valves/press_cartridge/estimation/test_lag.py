@@ -9,6 +9,7 @@ import pytest
 
 from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.estimation.data.masks import find_masks
+from valve_twin.core.valves.press_cartridge.estimation import lag as lags
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
     EquationErrorOptions,
     fit_equation_error,
@@ -35,6 +36,14 @@ def test_the_lag_of_the_model_is_found(lag, pole):
     assert scan.lag == lag
     assert scan.sharpness > 0.05
     assert not scan.by_increments
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1e-5, 3e-4, 1e-2])
+def test_the_compiled_scan_has_the_bits_of_the_solver_of_each_lag(monkeypatch, sigma):
+    frames = generate_cycle(Truth(lag=2, sigma=sigma), np.random.default_rng(3)).frames
+    compiled = lag_of(frames).mse
+    monkeypatch.setattr(lags, "_solve_lags", lambda *_: 0)
+    assert lag_of(frames).mse.tolist() == compiled.tolist()
 
 
 def test_shifting_the_commands_shifts_the_lag():

@@ -371,14 +371,13 @@ def find_lag(run: Run, columns: BoolArray, options: OutputErrorOptions) -> int:
     return int(np.argmin([f.likelihood for f in fits]))
 
 
-def hold_samples(run: Run, lag: float, options: OutputErrorOptions) -> int:
+def hold_samples(run: Run, phases: Phases) -> int:
     """Count usable samples at rest off the seats.
 
     Parameters
     ----------
-    run, lag, options : Run, float, OutputErrorOptions
-        Same as `find_phases` takes.
+    run, phases : Run, Phases
+        The cycle, and what the spool does at each sample.
     """
-    phases = find_phases(run, lag, options)
     rest = ~phases.moving & phases.free & run.use
     return int(np.count_nonzero(rest))

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.solvers.least_squares import gram_condition
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     BoolArray,
@@ -32,11 +31,13 @@ from valve_twin.core.valves.press_cartridge.estimation.free_run import (
     Run,
     Solution,
     find_lag,
+    find_phases,
     hold_samples,
     lay_out,
 )
 from valve_twin.core.valves.press_cartridge.estimation.gain_ridges import (
     RIDGE,
+    gain_condition,
     gain_identifiability,
     refuse_ridges,
 )
@@ -135,6 +136,8 @@ class PreparedCycle:
         What each command did.
     hold : int
         Samples of hold off the seats.
+    phases : Phases
+        What the spool does at each sample, by the lag.
     columns : (5,) bool array
         Which parameters can be fitted.
     noise_sigma : float
@@ -146,6 +149,7 @@ class PreparedCycle:
     inflow: Excitation
     outflow: Excitation
     hold: int
+    phases: Phases
     columns: BoolArray
     noise_sigma: float
 
@@ -184,11 +188,12 @@ def prepare_cycle(
     if not (inflow.excited or outflow.excited):
         text = f"inflow: {inflow.reason}; outflow: {outflow.reason}"
         return Refusal(RefusalCode.NOT_EXCITED, text)
-    hold = hold_samples(run, lag, options)
+    phases = find_phases(run, lag, options)
+    hold = hold_samples(run, phases)
     columns = np.array(
         [inflow.excited, inflow.graded, outflow.excited, outflow.graded, hold >= options.min_hold]
     )
-    return PreparedCycle(run, lag, inflow, outflow, hold, columns, noise_sigma)
+    return PreparedCycle(run, lag, inflow, outflow, hold, phases, columns, noise_sigma)
 
 
 def _unusable(run: Run, options: OutputErrorOptions) -> str:
@@ -243,7 +248,8 @@ def gain_fit(
     mse = solution.cost / solution.rows
     parameters = _parameters(prepared, solution, mse, options)
     parameters += _timing_values(timing, alone)
-    halves = systematic_halves(solution, prepared.run, phases, timing, options)
+    own = solution.linear if covariance is None else None  # else of another fit
+    halves = systematic_halves(solution, prepared.run, phases, timing, options, own)
     if covariance is not None:
         errors = _errors(prepared, solution, covariance, options)
         parameters = with_limits(parameters, errors, halves, scatter)
@@ -286,10 +292,10 @@ def _mask_counts(masks: Masks, used: int) -> MaskCounts:
     """Count what each mask took out."""
     return MaskCounts(
         used,
-        int(masks.seat.sum()),
-        int(masks.stuck.sum()),
-        int(masks.stale.sum()),
-        int((masks.bad | masks.gap).sum()),
+        int(np.count_nonzero(masks.seat)),
+        int(np.count_nonzero(masks.stuck)),
+        int(np.count_nonzero(masks.stale)),
+        int(np.count_nonzero(masks.bad | masks.gap)),
     )
 
 
@@ -427,7 +433,7 @@ def _gain_error(
 def _condition(s: Solution) -> float:
     """Return the condition number of the column-scaled sensitivities."""
     fitted = _fitted(s)
-    return gram_condition(s.gram[np.ix_(fitted, fitted)])
+    return gain_condition(s.gram[np.ix_(fitted, fitted)])
 
 
 def _verdict(parameters: tuple[ParameterValue, ...]) -> tuple[EstimateStatus, str]:

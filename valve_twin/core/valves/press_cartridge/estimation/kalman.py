@@ -125,7 +125,9 @@ def fit_kalman(
     prepared = prepare_cycle(frames, masks, period_s, noise_sigma, options)
     if isinstance(prepared, str):
         return refused_fit(prepared, masks)
-    timing = timing or find_timing(prepared.run, prepared.lag, prepared.columns, options)
+    timing = timing or find_timing(
+        prepared.run, prepared.lag, prepared.columns, options, prepared.phases
+    )
     phases = find_phases(prepared.run, timing.delay, options, settle=0)
     timed = replace(options, pole=timing.pole) if timing.pooled else options
     use = prepared.run.use & ~(_long_rest(phases) | phases.leaving)

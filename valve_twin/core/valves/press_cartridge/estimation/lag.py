@@ -11,15 +11,21 @@ summed over them, which no repeat enters (equations.md 2.6(4)).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.valves.press_cartridge.estimation.constraints import (
+    Inequalities,
     parse_inequalities,
     physical_inequalities,
 )
-from valve_twin.core.valves.press_cartridge.estimation.qp import quadratic_cost, solve_qp
+from valve_twin.core.valves.press_cartridge.estimation.qp import (
+    VERIFIED,
+    quadratic_cost,
+    solve_qp,
+)
 from valve_twin.core.valves.press_cartridge.estimation.regression import (
     TERM_SETS,
     TERMS,
@@ -28,6 +34,7 @@ from valve_twin.core.valves.press_cartridge.estimation.regression import (
     mean_square_error,
     usable_rows,
 )
+from valve_twin.core.valves.press_cartridge.estimation.solvers.small_qp import SOLVED, solve_small
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
@@ -41,6 +48,8 @@ MIN_ROWS = 12
 """Fewest rows on which lags are compared: three a parameter [1]."""
 
 _POLES = (0.0, 0.1, 0.2, 0.3, 0.4)  # tried with increments: a slow pole must not pass for lag [1]
+
+_FOUR = tuple(term - 1 for term in TERM_SETS["4"])
 
 _GAINS = ("k_in", "k_out", "k_out_slope")
 
@@ -115,15 +124,81 @@ def _unknown(max_lag: int, reason: str, slow_sensor: bool) -> LagScan:
 def _one_step_errors(frames: Frames, rows: IntArray, max_lag: int) -> FloatArray:
     """Mean squared one-step error of QP4 at each lag, within paper 002, eq. (23)."""
     mse = np.full(max_lag + 1, np.nan)
-    columns = [term - 1 for term in TERM_SETS["4"]]
-    limits = physical_inequalities(extended=False).part(columns)
-    for lag in range(max_lag + 1):
+    columns, limits = list(_FOUR), _limits_of_four()
+    x, inputs = np.ascontiguousarray(frames.position), np.ascontiguousarray(frames.inputs)
+    done = _solve_lags(x, inputs, rows, limits.matrix, limits.bound, mse)
+    for lag in range(done, max_lag + 1):  # what the compiled solver cannot verify
         solution = solve_qp(gram(frames, rows, lag).part(TERM_SETS["4"]), limits)
         if solution.solved:
             theta = np.zeros(TERMS)
             theta[columns] = solution.theta
             mse[lag] = mean_square_error(frames, rows, lag, theta)
     return mse
+
+
+@cache
+def _limits_of_four() -> Inequalities:
+    """Return paper 002, eq. (23), over the terms of QP4."""
+    return physical_inequalities(extended=False).part(_FOUR)
+
+
+@njit(cache=True, error_model="numpy")
+def _solve_lags(
+    x: FloatArray,
+    inputs: FloatArray,
+    rows: IntArray,
+    limits: FloatArray,
+    bound: FloatArray,
+    mse: FloatArray,
+) -> int:
+    """Fill the mean squared error of QP4, (L,), up to a lag that cannot be verified; return it."""
+    theta, active = np.empty(4), np.empty(len(bound), dtype=np.bool_)
+    matrix, vector = np.zeros((4, 4)), np.zeros(4)
+    for lag in range(len(mse)):
+        power = _four_terms(x, inputs, rows, lag, matrix, vector)
+        found, _, kkt = solve_small(matrix, vector, power, limits, bound, theta, active)
+        if found != SOLVED or not kkt <= VERIFIED:
+            return lag
+        total = 0.0
+        for n in rows:
+            vi, vo = inputs[n - lag, 0], inputs[n - lag, 1]
+            r = x[n] - 2.0 * x[n - 1] + x[n - 2]
+            flow = theta[0] * (x[n - 1] - x[n - 2]) + vi * theta[1]
+            r -= flow + vo * (theta[2] + theta[3] * vo)
+            total += r * r
+        mse[lag] = total / len(rows)
+    return len(mse)
+
+
+@njit(cache=True)
+def _four_terms(
+    x: FloatArray,
+    inputs: FloatArray,
+    rows: IntArray,
+    lag: int,
+    matrix: FloatArray,
+    vector: FloatArray,
+) -> float:
+    """Fill the normal equations of QP4, the sums of `regression.gram`; return the sum of y^2."""
+    u = np.empty(4)
+    matrix[:, :] = 0.0
+    vector[:] = 0.0
+    power = 0.0
+    for n in rows:
+        u[0] = x[n - 1] - x[n - 2]
+        u[1] = inputs[n - lag, 0]
+        u[2] = inputs[n - lag, 1]
+        u[3] = u[2] * u[2]
+        y = x[n] - 2.0 * x[n - 1] + x[n - 2]
+        power += y * y
+        for i in range(4):
+            vector[i] += u[i] * y
+            for j in range(i + 1):
+                matrix[i, j] += u[i] * u[j]
+    for i in range(4):
+        for j in range(i):
+            matrix[j, i] = matrix[i, j]
+    return power
 
 
 def _fresh_pairs(frames: Frames, masks: Masks, max_lag: int) -> tuple[IntArray, IntArray]:

@@ -84,7 +84,7 @@ def fit_output_error(
     if isinstance(prepared, str):
         return refused_fit(prepared, masks)
     run, columns = prepared.run, prepared.columns
-    alone = find_timing(run, prepared.lag, columns, options)
+    alone = find_timing(run, prepared.lag, columns, options, prepared.phases)
     timing = choose_timing(run, alone, pooled, columns, options)
     timed = replace(options, pole=timing.pole)
     phases = find_phases(run, timing.delay, options)

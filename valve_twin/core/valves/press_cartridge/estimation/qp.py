@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 KKT_TOLERANCE = 1e-10
 """Largest Karush-Kuhn-Tucker residual of a solution in scaled variables [1]."""
 
-_VERIFIED = 1e-12
+VERIFIED = 1e-12
 """Largest residual with which the compiled solution is taken [1]."""
 
 _RANK = 1e-12  # eigenvalue that counts as zero: scaled columns 1e-6 apart are equal [1]
@@ -122,7 +122,7 @@ def _solve_compiled(gram: Gram, inequalities: Inequalities) -> QpSolution | None
         theta,
         active,
     )
-    if found == SOLVED and kkt <= _VERIFIED:
+    if found == SOLVED and kkt <= VERIFIED:
         return QpSolution(theta, active, cost, kkt, True)
     return None
 

@@ -61,7 +61,12 @@ _TAIL = 0.004
 
 
 def systematic_halves(
-    s: Solution, run: Run, phases: Phases, timing: Timing, options: OutputErrorOptions
+    s: Solution,
+    run: Run,
+    phases: Phases,
+    timing: Timing,
+    options: OutputErrorOptions,
+    own: FloatArray | None = None,
 ) -> dict[str, float]:
     """Return the half width of the 95 % interval of what is wrong in every cycle alike.
 
@@ -77,6 +82,8 @@ def systematic_halves(
         When commands act.
     options : OutputErrorOptions
         Where the gains are published.
+    own : (5,) array, optional
+        Linear parameters of the output error at that timing [1]; fitted where omitted.
 
     Returns
     -------
@@ -87,7 +94,7 @@ def systematic_halves(
     late, spread = _LATE_FIXED, np.zeros((N_LINEAR, N_LINEAR))
     if options.delay < 0.0:
         late = _LATE
-        spread = NORMAL_975**2 * timing_spread(run, phases, timing, s.columns, options)
+        spread = NORMAL_975**2 * timing_spread(run, phases, timing, s.columns, options, own)
     steps = step_leak(run, phases)
     tail = (late * moves[4]) ** 2 + (_TAIL * s.linear[4]) ** 2 + spread[4, 4] + steps**2
     found = {"leak": float(np.sqrt(tail)) / run.period_s}

@@ -11,10 +11,12 @@ show it together, and a cycle that does not contradict them takes it from them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.cycle.scatter_kernel import middle_of
 from valve_twin.core.valves.press_cartridge.estimation.free_run import find_phases
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
@@ -29,8 +31,12 @@ from valve_twin.core.valves.press_cartridge.estimation.response.joint import Cyc
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.types import BoolArray
-    from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions, Run
+    from valve_twin.core.types import BoolArray, Estimate
+    from valve_twin.core.valves.press_cartridge.estimation.free_run import (
+        OutputErrorOptions,
+        Phases,
+        Run,
+    )
 
 _USUAL = 0.15
 """Standard deviation of the part of a sample where nothing is known of the valve, assumed."""
@@ -72,7 +78,13 @@ class Timing:
         return self.delay + self.pole / (1.0 - self.pole)
 
 
-def find_timing(run: Run, lag: int, columns: BoolArray, options: OutputErrorOptions) -> Timing:
+def find_timing(
+    run: Run,
+    lag: int,
+    columns: BoolArray,
+    options: OutputErrorOptions,
+    phases: Phases | None = None,
+) -> Timing:
     """Search delay and pole about a lag.
 
     Parameters
@@ -85,8 +97,10 @@ def find_timing(run: Run, lag: int, columns: BoolArray, options: OutputErrorOpti
         Parameters that are fitted.
     options : OutputErrorOptions
         How the free run is fitted; a fixed pole and a fixed delay stay.
+    phases : Phases, optional
+        What the spool does at each sample, by the lag; found where omitted.
     """
-    held = find_phases(run, lag, options).stretch(run.position, run.use)
+    held = (phases or find_phases(run, lag, options)).stretch(run.position, run.use)
     fixed = options.delay >= 0.0
     cycle = Cycle(
         Rows(held.y, sample_flags(held), held.anchor, run.v_in, run.v_out),
@@ -101,6 +115,27 @@ def find_timing(run: Run, lag: int, columns: BoolArray, options: OutputErrorOpti
     return Timing(lag + part, pole)
 
 
+def timings_alone(earlier: Sequence[Estimate]) -> list[tuple[float, float]]:
+    """Return delay [samples] and pole [1] that the last cycles found by themselves, oldest first.
+
+    Those that are pooled; what is not known is passed over.
+
+    Parameters
+    ----------
+    earlier : sequence of Estimate
+        Of one estimator, oldest first.
+    """
+    found: list[tuple[float, float]] = []
+    for estimate in reversed(earlier):
+        values = {p.name: p.value for p in estimate.parameters}
+        delay, pole = values.get("delay_alone", nan), values.get("pole_alone", nan)
+        if isfinite(delay + pole):
+            found.append((delay, pole))
+        if len(found) == _MOST_POOLED:
+            break
+    return found[::-1]
+
+
 def pool_timing(alone: Sequence[tuple[float, float]]) -> Timing | None:
     """Pool what single cycles found; None where they are too few.
 
@@ -109,11 +144,11 @@ def pool_timing(alone: Sequence[tuple[float, float]]) -> Timing | None:
     alone : sequence of (float, float)
         Delay [samples] and pole [1] of each cycle by itself, oldest first; NaN = not known.
     """
-    known = [Timing(d, p) for d, p in alone if np.isfinite(d + p)][-_MOST_POOLED:]
+    known = [Timing(d, p) for d, p in alone if isfinite(d + p)][-_MOST_POOLED:]
     if len(known) < _LEAST_POOLED:
         return None
-    pole = float(np.median([t.pole for t in known]))
-    total = float(np.median([t.total for t in known]))
+    pole = float(middle_of(np.array([t.pole for t in known])))
+    total = float(middle_of(np.array([t.total for t in known])))
     return Timing(max(total - pole / (1.0 - pole), 0.0), pole, pooled=True)
 
 

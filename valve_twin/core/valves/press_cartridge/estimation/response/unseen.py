@@ -54,7 +54,12 @@ _DROWNED = 10.0
 
 
 def timing_spread(
-    run: Run, phases: Phases, timing: Timing, columns: BoolArray, options: OutputErrorOptions
+    run: Run,
+    phases: Phases,
+    timing: Timing,
+    columns: BoolArray,
+    options: OutputErrorOptions,
+    own: FloatArray | None = None,
 ) -> FloatArray:
     """Return how far the linear parameters lie from the fit, on the average over the time: (5, 5).
 
@@ -68,13 +73,15 @@ def timing_spread(
         Parameters that are fitted.
     options : OutputErrorOptions
         How the free run is fitted.
+    own : (5,) array, optional
+        The linear parameters of the fit [1]; fitted where omitted.
 
     Returns
     -------
     (5, 5) array
         Mean products of the deviations, linear parameters of `output_error_kernel`.
     """
-    center = _fits(run, phases, timing, np.zeros(1), columns, options)[1]
+    center = _fits(run, phases, timing, np.zeros(1), columns, options)[1] if own is None else own
     freed = free_jumps(run, phases, options)
     shifts = np.array([shift for shift in _SHIFTS if timing.delay + shift >= 0.0])
     likelihoods, linear = _fits(run, freed, timing, shifts, columns, options)
