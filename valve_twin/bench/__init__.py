@@ -7,11 +7,12 @@ plain Python sum over a million numbers) of the same run. Results are asserted e
 is printed.
 """
 
-from valve_twin.bench.measure import Ratio, Scale, describe, median, require_equal
+from valve_twin.bench.measure import Better, Ratio, Scale, describe, median, require_equal
 from valve_twin.bench.run import AREAS, run_benchmarks, run_gate
 
 __all__ = [
     "AREAS",
+    "Better",
     "Ratio",
     "Scale",
     "describe",

@@ -7,6 +7,7 @@ from __future__ import annotations
 import statistics
 import time
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,12 +34,30 @@ class Scale:
     repeats: int
 
 
+class Better(StrEnum):
+    """In which sense the figure of a comparison and its goal are to be read."""
+
+    HIGHER = "higher"
+    LOWER = "lower"
+
+
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """One comparison: how many times less time ours takes, and its goal; higher is better.
+    """One comparison and its goal.
 
-    A goal below 1 allows an overhead over a peer that does less. `unmeasured` says why there is no
-    figure on a machine that is too busy for one.
+    Attributes
+    ----------
+    name, peer : str
+        What is compared, and with what.
+    ours_s, peer_s : float
+        Their times [s].
+    goal : float
+        Of `value`, in the same sense [1].
+    unmeasured : str
+        Why there is no figure on a machine that is too busy for one.
+    better : Better
+        HIGHER: how many times less time ours takes than a peer that does the same. LOWER: how
+        many times that of a peer that does less.
     """
 
     name: str
@@ -47,11 +66,18 @@ class Ratio:
     peer_s: float
     goal: float
     unmeasured: str = ""
+    better: Better = Better.HIGHER
 
     @property
     def value(self) -> float:
-        """Peer over ours [1]."""
-        return self.peer_s / self.ours_s
+        """Peer over ours where higher is better, ours over peer where lower is [1]."""
+        higher = self.better is Better.HIGHER
+        return self.peer_s / self.ours_s if higher else self.ours_s / self.peer_s
+
+    @property
+    def reached(self) -> bool:
+        """Whether the goal is reached."""
+        return self.value >= self.goal if self.better is Better.HIGHER else self.value <= self.goal
 
 
 def describe(ratio: Ratio, committed: float | None = None) -> str:
@@ -59,9 +85,10 @@ def describe(ratio: Ratio, committed: float | None = None) -> str:
     if ratio.unmeasured:
         return f"{ratio.name}: not measured: {ratio.unmeasured}"
     before = "" if committed is None else f", committed {committed:.3g} x"
-    reached = "reached" if ratio.value >= ratio.goal else "not reached"
+    reached = "reached" if ratio.reached else "not reached"
     return (
-        f"{ratio.name}: {ratio.value:.3g} x {ratio.peer} (goal {ratio.goal:.3g} x{before}; "
+        f"{ratio.name}: {ratio.value:.3g} x {ratio.peer} (better is {ratio.better}, "
+        f"goal {ratio.goal:.3g} x{before}; "
         f"{ratio.ours_s * 1e3:.3g} ms against {ratio.peer_s * 1e3:.4g} ms) goal {reached}"
     )
 

@@ -8,13 +8,14 @@
 from __future__ import annotations
 
 import statistics
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import yaml
 
 from valve_twin.bench.data import archive, reading, storing, writing, years
-from valve_twin.bench.measure import Ratio, Scale, describe, median
+from valve_twin.bench.measure import Better, Ratio, Scale, describe, median
 from valve_twin.bench.models import estimation, recursion, simulation, solenoid
 
 if TYPE_CHECKING:
@@ -58,7 +59,18 @@ RUNS = 5
 KEPT = 0.8
 """Share of a committed ratio that a run must keep [1]."""
 
-_SENSE = "ratio: time of the other over time of ours, in every line; better is: higher"
+_SENSE = (
+    "better is higher: time of the other over time of ours; "
+    "better is lower: time of ours over time of an other that does less"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Committed:
+    """A ratio as it was committed [1], and in which sense it is to be read."""
+
+    ratio: float
+    better: Better
 
 
 def run_benchmarks(
@@ -78,14 +90,17 @@ def run_benchmarks(
     scale = _begin(quick, write)
     committed = committed_ratios("quick" if quick else "full")
     for ratio in _comparisons(scale, areas):
-        write(f"{describe(ratio, committed.get(ratio.name))}\n")
+        known = committed.get(ratio.name)
+        before = known.ratio if known is not None and known.better is ratio.better else None
+        write(f"{describe(ratio, before)}\n")
 
 
 def run_gate(*, quick: bool, write: Callable[[str], object], areas: Sequence[str] = ()) -> bool:
     """Run comparisons several times and hold their medians to what was committed.
 
-    A ratio is lost where the median falls below `KEPT` of the committed one and the committed one
-    lies above all that was measured: a machine that is noisy by more than the loss proves none.
+    A ratio is lost where the median is worse than the committed one by more than `KEPT` allows,
+    and the committed one is better than all that was measured: a machine that is noisy by more
+    than the loss proves none. It is lost, too, where it was committed in the other sense.
 
     Parameters
     ----------
@@ -100,21 +115,30 @@ def run_gate(*, quick: bool, write: Callable[[str], object], areas: Sequence[str
     scale = _begin(quick, write)
     committed = committed_ratios("quick" if quick else "full")
     measured: dict[str, list[float]] = {}
+    senses: dict[str, Better] = {}
     for number in range(RUNS):
         write(f"run {number + 1} of {RUNS}\n")
         for ratio in _comparisons(scale, areas):
             found = measured.setdefault(ratio.name, [])
+            senses[ratio.name] = ratio.better
             if ratio.unmeasured:
                 write(f"{describe(ratio)}\n")
             else:
                 found.append(ratio.value)
-    lost = [_verdict(name, found, committed.get(name), write) for name, found in measured.items()]
+    lost = [
+        _verdict(name, senses[name], found, committed.get(name), write)
+        for name, found in measured.items()
+    ]
     write(f"{sum(lost)} of {len(lost)} ratios lost\n")
     return not any(lost)
 
 
 def _verdict(
-    name: str, found: Sequence[float], committed: float | None, write: Callable[[str], object]
+    name: str,
+    better: Better,
+    found: Sequence[float],
+    committed: Committed | None,
+    write: Callable[[str], object],
 ) -> bool:
     """Print the median of a comparison's runs and tell whether it lost against the committed one.
 
@@ -122,10 +146,12 @@ def _verdict(
     ----------
     name : str
         Of the comparison.
+    better : Better
+        In which sense it is to be read.
     found : sequence of float
         Ratios of the runs in which it was measured [1].
-    committed : float or None
-        The committed ratio [1]; None = never committed.
+    committed : Committed or None
+        The committed ratio; None = never committed.
     write : callable
         Takes the text.
     """
@@ -133,11 +159,19 @@ def _verdict(
         write(f"{name}: never measured: LOST\n")
         return True
     middle, low, high = statistics.median(found), min(found), max(found)
-    lost = committed is not None and middle < KEPT * committed and high < committed
-    beside = "nothing committed" if committed is None else f"committed {committed:.3g} x"
-    mark = f"LOST: below {KEPT:.0%} of it" if lost else "kept"
-    mark = "" if committed is None else f": {mark}"
-    write(f"{name}: {middle:.3g} x ({low:.3g} to {high:.3g}), {beside}{mark}\n")
+    said = f"{name}: {middle:.3g} x ({low:.3g} to {high:.3g}), better is {better}"
+    if committed is None:
+        write(f"{said}, nothing committed\n")
+        return False
+    if committed.better is not better:
+        write(f"{said}, committed in the other sense: LOST\n")
+        return True
+    ratio = committed.ratio
+    if better is Better.HIGHER:
+        lost, bound = middle < KEPT * ratio and high < ratio, f"below {KEPT:.0%} of it"
+    else:
+        lost, bound = middle * KEPT > ratio and low > ratio, f"above {1.0 / KEPT:.0%} of it"
+    write(f"{said}, committed {ratio:.3g} x: {f'LOST: {bound}' if lost else 'kept'}\n")
     return lost
 
 
@@ -154,7 +188,7 @@ def _comparisons(scale: Scale, areas: Sequence[str]) -> Iterator[Ratio]:
         yield from AREAS[name](scale)
 
 
-def committed_ratios(form: str) -> dict[str, float]:
+def committed_ratios(form: str) -> dict[str, Committed]:
     """Return what was measured when it was committed.
 
     Parameters
@@ -165,7 +199,10 @@ def committed_ratios(form: str) -> dict[str, float]:
     Returns
     -------
     dict
-        Ratio by name of the comparison [1].
+        By name of the comparison.
     """
     content = yaml.safe_load(COMMITTED.read_text(encoding="utf-8"))
-    return {str(k): float(v) for k, v in (content.get(form) or {}).items()}
+    return {
+        str(name): Committed(float(row["ratio"]), Better(row["better"]))
+        for name, row in (content.get(form) or {}).items()
+    }

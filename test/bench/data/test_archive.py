@@ -34,3 +34,19 @@ def test_no_ratio_is_given_of_other_costs_or_cycles(both):
         archive._require_equal_cycles(ours, dearer, path)
     with pytest.raises(AssertionError, match="the cycles differ"):
         archive._require_equal_cycles(ours[:2], theirs, path)
+
+
+def test_the_trend_is_compared_with_gains_of_scipy_that_are_alike(both):
+    _, _, path = both
+    (config,) = parse_config(archive.TRENDED, "test", namespace="/press")
+    found = archive.estimate_by_us(config, path)
+    assert archive._trend_by_rosbags(path, found) > 0.0
+    wrong = [
+        dataclasses.replace(e, parameters=tuple(
+            dataclasses.replace(p, value=2.0 * p.value) if p.name == "K_out" else p
+            for p in e.parameters
+        ))
+        for e in found
+    ]  # fmt: skip
+    with pytest.raises(AssertionError, match="the gains of the cycle at"):
+        archive._trend_by_rosbags(path, wrong)

@@ -32,7 +32,8 @@ CYCLE_SAMPLES = 850
 """Samples of a production cycle of the reference experiment."""
 
 _SEAT = 0.01  # positions nearer to an end rest on a seat [1]
-_ALIKE = 0.2  # relative difference of gains: the peer's do not fall with the command
+ALIKE = 0.2
+"""Relative difference of gains that count as equal: the peer's do not fall with the command."""
 
 KKT_GOAL = 1e-12
 """Largest violation of the optimality conditions: an objective gap below 1e-12 [1]."""
@@ -124,9 +125,9 @@ def _free_run(repeats: int) -> Ratio:
     assert fit.status is not EstimateStatus.REFUSED
     values = {p.name: p.value for p in fit.parameters}
     start = [values[name] for name in ("delay", "pole", "K_in", "K_out", "leak")]
-    found = _fit_in_scipy(frames.position, frames.inputs, config.period_s, np.array(start))
+    found = fit_in_scipy(frames.position, frames.inputs, config.period_s, np.array(start))
     for k, name in ((2, "K_in"), (3, "K_out")):
-        if not abs(found[k] / values[name] - 1.0) <= _ALIKE:
+        if not abs(found[k] / values[name] - 1.0) <= ALIKE:
             msg = f"{name} of scipy differs: {found[k]!r}, ours {values[name]!r}"
             raise AssertionError(msg)
     return Ratio(
@@ -134,19 +135,29 @@ def _free_run(repeats: int) -> Ratio:
         "scipy least_squares of the same free run",
         median(ours, 10 * repeats),
         median(
-            lambda: _fit_in_scipy(
-                frames.position, frames.inputs, config.period_s, np.array(start)
-            ),
+            lambda: fit_in_scipy(frames.position, frames.inputs, config.period_s, np.array(start)),
             2 * repeats,
         ),
         6.0,
     )
 
 
-def _fit_in_scipy(
+def fit_in_scipy(
     position: FloatArray, inputs: FloatArray, period_s: float, start: FloatArray
 ) -> FloatArray:
-    """Return delay, pole, K_in, K_out and leak whose free run lies nearest to a cycle: (5,)."""
+    """Return delay, pole, K_in, K_out and leak whose free run lies nearest to a cycle: (5,).
+
+    Parameters
+    ----------
+    position : (N,) array
+        Measured position [1].
+    inputs : (N, 2) array
+        Inflow and outflow [1].
+    period_s : float
+        Sampling time [s].
+    start : (5,) array
+        Where the search begins [samples, 1, 1/sample, 1/sample, 1/s].
+    """
     from scipy.optimize import least_squares
     from scipy.signal import lfilter
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.bench.data.years import life
-from valve_twin.bench.measure import Ratio
+from valve_twin.bench.measure import Better, Ratio
 from valve_twin.bench.nodes.live import CYCLE, PLANT_HZ, VALVES, live
 from valve_twin.bench.nodes.processes import some_domain, start_node
 from valve_twin.io.history.store import CycleRecord, History
@@ -105,7 +105,7 @@ def _delay() -> Ratio:
                     alone += _delays(run)
     with_s, without_s = (1e-9 * statistics.median(found) for found in (watched, alone))
     what = f"one-way delay of the twin at 1 kHz beside {VIEWERS} viewers, 99 %"
-    return Ratio(what, "the same without viewers", with_s, without_s, 1.0 / 1.1)
+    return Ratio(what, "the same without viewers", with_s, without_s, 1.1, better=Better.LOWER)
 
 
 def _delays(run: Live) -> list[float]:
@@ -131,9 +131,10 @@ def _fleet() -> Iterator[Ratio]:
             before, begin = node.cpu_s(), time.perf_counter()
             run.plant.run(20.0, PLANT_HZ)
             used, seconds = node.cpu_s() - before, time.perf_counter() - begin
-    yield Ratio(f"first content of {VALVES} valves", "the goal", first_s, FIRST_S, 1.0)
+    what = f"first content of {VALVES} valves"
+    yield Ratio(what, "the goal", first_s, FIRST_S, 1.0, better=Better.LOWER)
     what = f"{VALVES} valves, {VIEWERS} viewers of {VIEWERS} of them, CPU of 1 s"
-    yield Ratio(what, "the goal", used / seconds, SHARE, 1.0)
+    yield Ratio(what, "the goal", used / seconds, SHARE, 1.0, better=Better.LOWER)
 
 
 def _page(place: str) -> float:
