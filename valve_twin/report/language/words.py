@@ -271,7 +271,7 @@ def _said(
 
 def _is_said(part: str) -> bool:
     """Return whether a part is a clause of its own, and no name or figure with its unit."""
-    return len(_WORD.findall(part)) > 1
+    return " " in part and len(_WORD.findall(part)) > 1
 
 
 _ENGLISH, _PLAIN = Markup('<span lang="en">{}</span>'), Markup("{}")
@@ -312,7 +312,7 @@ def words(language: str, *more: str) -> Words:
     folder = files("valve_twin.report.language") / "locale"
     pages, *of_core = (
         read_catalogue((folder / f"{language}{part}.po").read_text(encoding="utf-8"))
-        for part in ("", "_sentences", "_reasons", "_parameters", *more)
+        for part in ("", "_sentences", "_reasons", "_faults", "_parameters", *more)
     )
     return Words(pages, {message: text for part in of_core for message, text in part.items()})
 
