@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from test.core.valves import blocks
 from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.cycles import Segmenter
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle, model_in_force
@@ -138,28 +139,13 @@ def predict(flow, marks, cuts=()):
     _, memory = estimate_cycle(MODEL, OPTIONS, make_cycle(), Memory.empty())
     force = model_in_force(MODEL, memory, PERIOD_S, OPTIONS)
     assert force is not None
-    n = len(flow)
-    predicted, simulated = np.empty(n), np.empty(n)
-    validity = np.zeros(n, dtype=np.uint8)
-    state = MODEL.initial_state()
-    for a, b in itertools.pairwise([0, *cuts, n]):
-        MODEL.predict(
-            state,
-            force.coefficients,
-            flow[a:b],
-            np.empty((b - a, 0)),
-            marks[a:b],
-            predicted[a:b],
-            simulated[a:b],
-            validity[a:b],
-        )
-    return predicted, simulated, validity
+    frames = SimpleNamespace(position=flow, inputs=np.empty((len(flow), 0)))
+    return blocks.predict(MODEL, force.coefficients, frames, marks, cuts)
 
 
 def two_cycles(**marked):
     """Return the flow of two cycles and the marks of their samples."""
-    marks = np.zeros(2 * N, dtype=np.uint8)
-    marks[[0, N]] = 2, 1
+    marks = blocks.marked(2 * N, {N: 1})
     for name, at in marked.items():
         marks[at] = {"gap": 2, "bad": 3}[name]
     return np.tile(make_cycle().frames.position, 2), marks

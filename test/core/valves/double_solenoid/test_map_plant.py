@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from test.core.physics.test_coenergy_tables import CURRENTS, MAP, POSITIONS
+from test.core.valves import blocks
 from valve_twin.core.physics.curves import force_of
 from valve_twin.core.quantity import replaced
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames
@@ -130,13 +131,9 @@ def test_the_twin_of_the_map_follows_and_estimates_its_valve():
     for name, truth in wanted.items():
         assert values[name].lower_95 <= truth <= values[name].upper_95
     found = {name: p.value for name, p in values.items()}
-    c, n = MODEL.coefficients(found, 0, PERIOD_S, options), len(one.frames.position)
-    marks = np.zeros(n, dtype=np.uint8)
-    predicted, simulated, validity = np.empty(n), np.empty(n), np.zeros(n, dtype=np.uint8)
-    MODEL.predict(
-        MODEL.initial_state(), c, one.frames.position, one.frames.inputs, marks, predicted,
-        simulated, validity,
-    )  # fmt: skip
+    c = MODEL.coefficients(found, 0, PERIOD_S, options)
+    marks = np.zeros(len(one.frames), dtype=np.uint8)
+    predicted, _, _ = blocks.predict(MODEL, c, one.frames, marks)
     off = (predicted - one.frames.position)[200:]
     assert np.sqrt(np.mean(off**2)) < 3e-4  # noise of the sensor: 1e-4
 

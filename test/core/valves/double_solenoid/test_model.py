@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from test.core.valves import blocks
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames
 from valve_twin.core.simulation.plant import Drive
@@ -106,24 +106,8 @@ def test_the_model_in_force_predicts_the_next_cycle():
 
 def run(one, values, cuts=(), restart=None, position=None):
     c = MODEL.coefficients(values, 0, PERIOD_S, OPTIONS)
-    n = len(one.frames)
-    marks = np.zeros(n, dtype=np.uint8) if restart is None else restart
-    marks[0] = 2
-    y = one.frames.position if position is None else position
-    state, validity = MODEL.initial_state(), np.zeros(n, dtype=np.uint8)
-    predicted, simulated = np.empty(n), np.empty(n)
-    for a, b in pairwise([0, *cuts, n]):
-        MODEL.predict(
-            state,
-            c,
-            y[a:b],
-            one.frames.inputs[a:b],
-            marks[a:b],
-            predicted[a:b],
-            simulated[a:b],
-            validity[a:b],
-        )
-    return predicted, simulated, validity
+    restart = blocks.marked(len(one.frames)) if restart is None else restart
+    return blocks.predict(MODEL, c, one.frames, restart, cuts, position)
 
 
 def test_any_block_length_predicts_the_same_bits():
@@ -141,8 +125,7 @@ def test_a_prediction_uses_earlier_positions_only():
 
 
 def test_marks_what_a_prediction_is_worth():
-    restart = np.zeros(len(cycle().frames), dtype=np.uint8)
-    restart[80], restart[500] = 3, 2
+    restart = blocks.marked(len(cycle().frames), {80: 3, 500: 2})
     position = cycle().frames.position.copy()
     position[80] = np.nan
     predicted, _, validity = run(cycle(), {}, restart=restart, position=position)

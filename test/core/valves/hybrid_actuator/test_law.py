@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from valve_twin.core.types import Restart
+from test.core.valves import blocks
 from valve_twin.core.valves.hybrid_actuator.law import LAW
 from valve_twin.core.valves.hybrid_actuator.model import HybridActuatorModel
 from valve_twin.core.valves.hybrid_actuator.parameters import HybridActuatorOptions
-from valve_twin.core.valves.hybrid_actuator.predictor import predict_block
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -36,14 +35,7 @@ def free_run(
     values: dict[str, float], inputs: FloatArray, model: HybridActuatorModel
 ) -> FloatArray:
     """Return the free run of the prediction [1] from the closed seat."""
-    c = model.coefficients(values, 0, PERIOD_S, model.options)
-    state, count = model.initial_state(), len(inputs)
-    restart = np.full(count, Restart.GO_ON, np.uint8)
-    restart[0] = Restart.NEW_CYCLE
-    predicted, simulated = np.empty(count), np.empty(count)
-    valid = np.empty(count, np.uint8)
-    predict_block(state, c, np.zeros(count), inputs, restart, predicted, simulated, valid)
-    return simulated
+    return blocks.free_run(model, values, PERIOD_S, inputs)
 
 
 @pytest.mark.parametrize(

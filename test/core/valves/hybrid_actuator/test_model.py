@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.stats import t as student
 
+from test.core.valves import blocks
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames
 from valve_twin.core.simulation.plant import Drive
@@ -141,25 +141,8 @@ def test_the_model_in_force_predicts_the_next_cycle():
 
 def run(cycle, values, cuts=(), restart=None, position=None):
     c = MODEL.coefficients(values, 0, PERIOD_S, OPTIONS)
-    n = len(cycle.frames)
-    marks = np.zeros(n, dtype=np.uint8) if restart is None else restart
-    marks[0] = 2
-    y = cycle.frames.position if position is None else position
-    state, validity = MODEL.initial_state(), np.zeros(n, dtype=np.uint8)
-    predicted, simulated = np.empty(n), np.empty(n)
-    edges = [0, *cuts, n]
-    for a, b in pairwise(edges):
-        MODEL.predict(
-            state,
-            c,
-            y[a:b],
-            cycle.frames.inputs[a:b],
-            marks[a:b],
-            predicted[a:b],
-            simulated[a:b],
-            validity[a:b],
-        )
-    return predicted, simulated, validity
+    restart = blocks.marked(len(cycle.frames)) if restart is None else restart
+    return blocks.predict(MODEL, c, cycle.frames, restart, cuts, position)
 
 
 def test_any_block_length_predicts_the_same_bits():
@@ -180,8 +163,7 @@ def test_a_prediction_uses_earlier_positions_only():
 
 def test_marks_what_a_prediction_is_worth():
     cycle = make_cycles(seed=2)[0]
-    restart = np.zeros(len(cycle.frames), dtype=np.uint8)
-    restart[80], restart[500] = 3, 2
+    restart = blocks.marked(len(cycle.frames), {80: 3, 500: 2})
     position = cycle.frames.position.copy()
     position[80] = np.nan
     predicted, _, validity = run(cycle, {}, restart=restart, position=position)

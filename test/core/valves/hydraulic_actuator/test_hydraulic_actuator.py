@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from test.core.valves import blocks
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle, model_in_force
 from valve_twin.core.types import Cycle, EstimateStatus, Frames, ParameterStatus, Validity
 from valve_twin.core.valves.hydraulic_actuator import MODEL
@@ -69,28 +69,11 @@ def estimate(cycle, options=OPTIONS):
 
 def predict(cycle, marks, cuts=()):
     """Predict a cycle with the true parameters, in blocks cut where told."""
-    frames = cycle.frames
-    n = len(frames)
-    predicted, simulated = np.empty(n), np.empty(n)
-    validity = np.zeros(n, dtype=np.uint8)
-    state = MODEL.initial_state()
-    for a, b in itertools.pairwise([0, *cuts, n]):
-        MODEL.predict(
-            state,
-            COEFFICIENTS,
-            frames.position[a:b],
-            frames.inputs[a:b],
-            marks[a:b],
-            predicted[a:b],
-            simulated[a:b],
-            validity[a:b],
-        )
-    return predicted, simulated, validity
+    return blocks.predict(MODEL, COEFFICIENTS, cycle.frames, marks, cuts)
 
 
 def marks_of(**marked):
-    marks = np.zeros(N, dtype=np.uint8)
-    marks[0] = 2
+    marks = blocks.marked(N)
     for name, at in marked.items():
         marks[at] = {"cycle": 1, "gap": 2, "bad": 3}[name]
     return marks

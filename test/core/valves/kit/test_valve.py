@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from test.core.valves import blocks
 from valve_twin.core.simulation import SimulatedValve, configure, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus, Validity
 from valve_twin.core.valves.first_order import VALVE
@@ -33,31 +34,11 @@ def estimate(cycle, **options):
 
 def predict(cycle, restart, cuts=()):
     c = VALVE.coefficients(TRUE, LAG, cycle.period_s, OPTIONS)
-    state, n = VALVE.initial_state(), len(cycle.frames)
-    predicted, simulated = np.empty(n), np.empty(n)
-    validity = np.empty(n, dtype=np.uint8)
-    for part in np.split(np.arange(n), cuts):
-        s = slice(part[0], part[-1] + 1)
-        f = cycle.frames
-        VALVE.predict(
-            state,
-            c,
-            f.position[s],
-            f.inputs[s],
-            restart[s],
-            predicted[s],
-            simulated[s],
-            validity[s],
-        )
-    return predicted, simulated, validity
+    return blocks.predict(VALVE, c, cycle.frames, restart, cuts)
 
 
 def codes(cycle, **at):
-    restart = np.zeros(len(cycle.frames), dtype=np.uint8)
-    restart[0] = 2
-    for code, where in at.items():
-        restart[where] = int(code[1:])
-    return restart
+    return blocks.marked(len(cycle.frames), {where: int(code[1:]) for code, where in at.items()})
 
 
 def test_the_true_parameters_predict_to_the_noise():

@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from test.core.valves import blocks
 from valve_twin.core.estimation.cycle.sequence import Memory, evaluate, model_in_force
 from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.types import Cycle, Estimate, ParameterStatus, join_blocks
@@ -225,24 +225,8 @@ def test_the_one_step_prediction_of_the_true_valve_is_exact_without_a_lag():
 
 
 def predict(cycle, coefficients, cuts=()):
-    n = len(cycle.frames)
-    restart = np.zeros(n, dtype=np.uint8)
-    restart[[0, 150, 200, 250]] = [2, 1, 2, 3]
-    predicted, simulated = np.empty(n), np.empty(n)
-    validity = np.zeros(n, dtype=np.uint8)
-    state = MODEL.initial_state()
-    for a, b in itertools.pairwise([0, *cuts, n]):
-        MODEL.predict(
-            state,
-            coefficients,
-            cycle.frames.position[a:b],
-            np.ascontiguousarray(cycle.frames.inputs[a:b]),
-            restart[a:b],
-            predicted[a:b],
-            simulated[a:b],
-            validity[a:b],
-        )
-    return predicted, simulated, validity
+    restart = blocks.marked(len(cycle.frames), {150: 1, 200: 2, 250: 3})
+    return blocks.predict(MODEL, coefficients, cycle.frames, restart, cuts)
 
 
 def test_any_split_into_blocks_gives_the_same_bits():

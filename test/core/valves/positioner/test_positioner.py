@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from test.core.valves import blocks
 from valve_twin.core.estimation.cycle.sequence import Memory, model_in_force
 from valve_twin.core.types import (
     Cycle,
@@ -52,26 +53,11 @@ def make_command(n=2000, seed=3):
 
 def run(values, lag, command, position, restart=None, cuts=(), options=OPTIONS, period_s=PERIOD_S):
     """Predict with the model's kernel, in blocks cut where told."""
-    n = len(command)
-    restart = np.zeros(n, dtype=np.uint8) if restart is None else restart
+    restart = np.zeros(len(command), dtype=np.uint8) if restart is None else restart
     restart[0] = 2
-    predicted, simulated = np.empty(n), np.empty(n)
-    validity = np.zeros(n, dtype=np.uint8)
-    state = MODEL.initial_state()
     c = MODEL.coefficients(values, lag, period_s, options)
-    edges = [0, *sorted(cuts), n]
-    for a, b in itertools.pairwise(edges):
-        MODEL.predict(
-            state,
-            c,
-            position[a:b],
-            np.ascontiguousarray(command[a:b].reshape(-1, 1)),
-            restart[a:b],
-            predicted[a:b],
-            simulated[a:b],
-            validity[a:b],
-        )
-    return predicted, simulated, validity
+    frames = SimpleNamespace(position=position, inputs=command.reshape(-1, 1))
+    return blocks.predict(MODEL, c, frames, restart, cuts)
 
 
 def make_position(command, values=TRUTH, lag=LAG, start=0.5):

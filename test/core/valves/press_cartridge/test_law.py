@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from valve_twin.core.types import Restart
+from test.core.valves import blocks
 from valve_twin.core.valves.press_cartridge.law import LAW
 from valve_twin.core.valves.press_cartridge.model import PressCartridgeModel
 from valve_twin.core.valves.press_cartridge.parameters import PressCartridgeOptions
-from valve_twin.core.valves.press_cartridge.predictor import predict_block
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -35,15 +34,7 @@ def commands(count: int = 400) -> FloatArray:
 def free_run(values: dict[str, float], inputs: FloatArray) -> FloatArray:
     """Return the free run of the prediction [1] from the lower seat."""
     model = PressCartridgeModel(options=OPTIONS)
-    c = model.coefficients(values, 0, PERIOD_S, OPTIONS)
-    state, count = model.initial_state(), len(inputs)
-    restart = np.full(count, Restart.GO_ON, np.uint8)
-    restart[0] = Restart.NEW_CYCLE
-    predicted, simulated = np.empty(count), np.empty(count)
-    valid = np.empty(count, np.uint8)
-    position = np.zeros(count)
-    predict_block(state, c, position, inputs, restart, predicted, simulated, valid)
-    return simulated
+    return blocks.free_run(model, values, PERIOD_S, inputs)
 
 
 @pytest.mark.parametrize("delay", [1.0, 2.4, 3.0])

@@ -3,13 +3,13 @@
 """The press valve's model: prediction kernel, options, and cycles that say nothing."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from test.core.valves import blocks
 from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.quantity import describe
@@ -27,26 +27,8 @@ def make_cycle(truth=QUIET, seed=0, number=1):
 
 
 def predict(cycle, coefficients, restart=None, cuts=()):
-    n = len(cycle.frames)
-    if restart is None:
-        restart = np.zeros(n, np.uint8)
-        restart[0] = 2
-    predicted, simulated = np.full(n, -1.0), np.full(n, -1.0)
-    validity = np.full(n, 99, np.uint8)
-    state = MODEL.initial_state()
-    edges = [0, *sorted(cuts), n]
-    for a, b in pairwise(edges):
-        MODEL.predict(
-            state,
-            coefficients,
-            cycle.frames.position[a:b],
-            cycle.frames.inputs[a:b],
-            restart[a:b],
-            predicted[a:b],
-            simulated[a:b],
-            validity[a:b],
-        )
-    return predicted, simulated, validity
+    restart = blocks.marked(len(cycle.frames)) if restart is None else restart
+    return blocks.predict(MODEL, coefficients, cycle.frames, restart, cuts)
 
 
 def gains(truth):
@@ -127,8 +109,7 @@ def test_marks_what_a_prediction_is_worth():
     position = frames.position.copy()
     position[40] = position[39]  # the sensor repeats a value in motion
     position[50] = np.nan
-    restart = np.zeros(len(position), np.uint8)
-    restart[0], restart[50], restart[60] = 2, 3, 2
+    restart = blocks.marked(len(position), {50: 3, 60: 2})
     coefficients = MODEL.coefficients(gains(Truth()), 2, PERIOD_S, OPTIONS)
     predicted, _, validity = predict(
         replace(cycle, frames=replace(frames, position=position)), coefficients, restart
@@ -143,8 +124,7 @@ def test_marks_what_a_prediction_is_worth():
 
 def test_a_new_cycle_starts_the_free_run_and_keeps_the_past():
     cycle = make_cycle(Truth(), seed=4)
-    restart = np.zeros(len(cycle.frames), np.uint8)
-    restart[0], restart[300] = 2, 1
+    restart = blocks.marked(len(cycle.frames), {300: 1})
     coefficients = MODEL.coefficients(gains(Truth()), 2, PERIOD_S, OPTIONS)
     plain = predict(cycle, coefficients)
     cut = predict(cycle, coefficients, restart)

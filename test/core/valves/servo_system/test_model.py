@@ -3,11 +3,11 @@
 """The servosystem's twin: what it recovers, withholds, refuses and predicts."""
 
 from dataclasses import fields, replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from test.core.valves import blocks
 from valve_twin.core.estimation.cycle.sequence import evaluate
 from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.simulation import SimulatedValve, configure, to_frames
@@ -184,22 +184,14 @@ def test_predicts_the_next_cycle(estimate):
 
 def test_prediction_is_the_same_in_any_blocks(cycle):
     coefficients = MODEL.coefficients({}, 0, 1e-3, OPTIONS)
-    frames = cycle.frames
-    restart = np.zeros(300, dtype=np.uint8)
-    restart[[0, 120]] = 2, 3
-    results = []
-    for cuts in ([0, 300], [0, 1, 77, 300]):
-        state = MODEL.initial_state()
-        out, codes = np.empty((2, 300)), np.empty(300, dtype=np.uint8)
-        for a, b in pairwise(cuts):
-            MODEL.predict(state, coefficients, frames.position[a:b], frames.inputs[a:b],
-                          restart[a:b], out[0, a:b], out[1, a:b], codes[a:b])  # fmt: skip
-        results.append((out, codes))
-    np.testing.assert_array_equal(results[0][0], results[1][0])
-    np.testing.assert_array_equal(results[0][1], results[1][1])
-    assert results[0][1][120] == 5
-    assert results[0][1][0] == 2
-    assert np.isfinite(results[0][0][:, 1:]).all()
+    given = MODEL, coefficients, cycle.frames[:300], blocks.marked(300, {120: 3})
+    whole, cut = blocks.predict(*given), blocks.predict(*given, (1, 77))
+    for one, other in zip(whole, cut, strict=True):
+        np.testing.assert_array_equal(one, other)
+    predicted, simulated, codes = whole
+    assert codes[120] == 5
+    assert codes[0] == 2
+    assert np.isfinite([predicted[1:], simulated[1:]]).all()
 
 
 @pytest.mark.parametrize("signal", [*MODEL.inputs, MODEL.output])

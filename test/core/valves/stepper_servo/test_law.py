@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from valve_twin.core.types import Restart
+from test.core.valves import blocks
 from valve_twin.core.valves.stepper_servo.law import LAW
 from valve_twin.core.valves.stepper_servo.model import StepperServoModel
-from valve_twin.core.valves.stepper_servo.predictor import predict_block
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -32,15 +31,7 @@ def motor_and_flow(count: int = 600) -> FloatArray:
 
 def free_run(values: dict[str, float], inputs: FloatArray, start: float) -> FloatArray:
     """Return the free run of the prediction [1]; NaN as long as its line fills."""
-    model = StepperServoModel()
-    c = model.coefficients(values, 0, PERIOD_S, model.options)
-    state, count = model.initial_state(), len(inputs)
-    restart = np.full(count, Restart.GO_ON, np.uint8)
-    restart[0] = Restart.NEW_CYCLE
-    predicted, simulated = np.empty(count), np.empty(count)
-    valid = np.empty(count, np.uint8)
-    predict_block(state, c, np.full(count, start), inputs, restart, predicted, simulated, valid)
-    return simulated
+    return blocks.free_run(StepperServoModel(), values, PERIOD_S, inputs, start)
 
 
 @pytest.mark.parametrize("delay", [0.01, 0.034, 0.05])

@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from test.core.valves import blocks
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus, Validity
@@ -51,16 +51,7 @@ def healthy(seed):
 def run(estimate, cycle, cuts=()):
     values = {p.name: p.value for p in estimate.parameters}
     c = MODEL.coefficients(values, estimate.lag, PERIOD_S, OPTIONS)
-    n = len(cycle.frames)
-    restart = np.zeros(n, dtype=np.uint8)
-    restart[0] = 2
-    state = MODEL.initial_state()
-    predicted, simulated, validity = np.empty(n), np.empty(n), np.zeros(n, dtype=np.uint8)
-    for a, b in itertools.pairwise((0, *cuts, n)):
-        part = cycle.frames[a:b]
-        out = predicted[a:b], simulated[a:b], validity[a:b]
-        MODEL.predict(state, c, part.position, part.inputs, restart[a:b], *out)
-    return predicted, simulated, validity
+    return blocks.predict(MODEL, c, cycle.frames, blocks.marked(len(cycle.frames)), cuts)
 
 
 @pytest.mark.no_cover
