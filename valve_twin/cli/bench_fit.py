@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.common import OK, add_verb, check_writable, fail, say
+from valve_twin.cli.common import OK, add_verb, check_writable, fail, write_file
 from valve_twin.cli.output import console, number, plain, print_json, table
 from valve_twin.core.quantity import suggest
 from valve_twin.core.valves.registry import get_model, model_names
@@ -57,8 +57,7 @@ def _bench_fit(arguments: argparse.Namespace) -> int:
         msg = f"bench-fit {fit.kind}: give a CSV file with {_columns(fit)}"
         raise ConfigError(msg)
     settings = _settings(fit, arguments.set)
-    if arguments.plot:
-        check_writable(arguments.plot)
+    check_writable(arguments.plot)
     from valve_twin.io.tables.bench_csv import read_bench_record
 
     path = Path(arguments.csv)
@@ -70,8 +69,7 @@ def _bench_fit(arguments: argparse.Namespace) -> int:
     if arguments.plot:
         from valve_twin.report.bench_fit import draw_bench_fit
 
-        Path(arguments.plot).write_text(draw_bench_fit(fit.kind, result.plots), encoding="utf-8")
-        say(f"{arguments.plot}: written")
+        write_file(arguments.plot, draw_bench_fit(fit.kind, result.plots))
     _show(fit, result, as_json=arguments.json)
     if result.doubt:
         return fail(f"{path}: do not use these values: {result.doubt}")
@@ -121,9 +119,8 @@ def _columns(fit: BenchFit) -> str:
 
 
 def _list(fits: dict[str, BenchFit]) -> None:
-    shown = table("Bench records that can be fitted", ["kind", "columns"])
-    shown.add_column("settings")
-    shown.add_column("what it tells")
+    last = ["settings", "what it tells"]
+    shown = table("Bench records that can be fitted", ["kind", "columns"], last=last)
     for fit in fits.values():
         names = ", ".join(
             f"{s.name}={s.default if s.default is not None else '...'}" for s in fit.settings
@@ -146,8 +143,7 @@ def _show(fit: BenchFit, result: BenchResult, *, as_json: bool) -> None:
         print_json({"kind": fit.kind, "values": values, "remark": result.remark,
                     "doubt": result.doubt})  # fmt: skip
         return
-    shown = table(f"{fit.kind}: {fit.about}", ["value"], ["", "95 % interval", ""])
-    shown.add_column("unit")
+    shown = table(f"{fit.kind}: {fit.about}", ["value"], ["", "95 % interval", ""], ["unit"])
     for v in result.values:
         cells = (number(x, ".5g") for x in (v.value, v.lower, v.upper))
         shown.add_row(v.name, *cells, v.unit)

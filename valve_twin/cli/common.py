@@ -217,13 +217,20 @@ def no_cycle(config: ValveConfig, bag: str) -> int:
     )
 
 
-def check_writable(path: str) -> None:
-    """Find out before the long work whether its result can be written."""
-    there = Path(path)
-    if there.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "is a folder, not a file", path)
-    if not os.access(there if there.exists() else there.parent, os.W_OK):
-        raise PermissionError(errno.EACCES, "cannot be written", path)
+def check_writable(*paths: str | None) -> None:
+    """Find out before the long work whether its results can be written; no path = none."""
+    for path in filter(None, paths):
+        there = Path(path)
+        if there.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "is a folder, not a file", path)
+        if not os.access(there if there.exists() else there.parent, os.W_OK):
+            raise PermissionError(errno.EACCES, "cannot be written", path)
+
+
+def write_file(path: str, text: str) -> None:
+    """Write a result and say so."""
+    Path(path).write_text(text, encoding="utf-8")
+    say(f"{path}: written")
 
 
 def positive(text: str) -> int:

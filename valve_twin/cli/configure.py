@@ -63,8 +63,7 @@ def add(verbs: Verbs) -> None:
 
 
 def _configure(arguments: argparse.Namespace) -> int:
-    if arguments.out:
-        check_writable(arguments.out)
+    check_writable(arguments.out)
     first = Path(arguments.files[0])
     if not _is_bag(first):
         return _configure_files(arguments)

@@ -51,8 +51,7 @@ def _estimate(arguments: argparse.Namespace) -> int:
     from valve_twin.io.tables.json_lines import json_lines
 
     config = chosen_config(arguments)
-    if arguments.json:
-        check_writable(arguments.json)
+    check_writable(arguments.json)
     record, assessment = run_offline(
         config,
         arguments.bag,

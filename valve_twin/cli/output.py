@@ -53,7 +53,9 @@ def console(width: int = WIDTH) -> Console:
     return found if found.is_terminal else Showing(file=sys.stdout, width=width)
 
 
-def table(title: str, left: Iterable[str] = (), right: Iterable[str] = ()) -> Table:
+def table(
+    title: str, left: Iterable[str] = (), right: Iterable[str] = (), last: Iterable[str] = ()
+) -> Table:
     """Return an empty table.
 
     Parameters
@@ -62,6 +64,8 @@ def table(title: str, left: Iterable[str] = (), right: Iterable[str] = ()) -> Ta
         Line above it.
     left, right : iterable of str
         First columns, of words that are not wrapped, and further ones, of numbers.
+    last : iterable of str
+        Last columns, of words.
     """
     from rich.table import Table
 
@@ -70,7 +74,16 @@ def table(title: str, left: Iterable[str] = (), right: Iterable[str] = ()) -> Ta
         made.add_column(name, no_wrap=True)
     for name in right:
         made.add_column(name, justify="right")
+    for name in last:
+        made.add_column(name)
     return made
+
+
+def print_rows(shown: Table, rows: Iterable[Iterable[RenderableType]]) -> None:
+    """Print a table with these rows of cells."""
+    for row in rows:
+        shown.add_row(*row)
+    console().print(shown)
 
 
 def plain(value: object, infinite: str | None = "Infinity") -> object:

@@ -93,8 +93,7 @@ def _export(arguments: argparse.Namespace) -> int:
     names = {v: out.with_stem(f"{out.stem}_fmi{v}") for v in versions}
     if len(versions) == 1:
         names = {versions[0]: out}
-    for path in names.values():
-        check_writable(str(path))
+    check_writable(*map(str, names.values()))
     name = "/" + arguments.valve.strip("/")
     with History(arguments.url, read_only=True) as history:
         estimate, record = stored_estimate(history, name, arguments.cycle)

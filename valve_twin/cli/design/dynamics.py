@@ -5,10 +5,9 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say
+from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say, write_file
 from valve_twin.cli.design.given import add_design, read_double_stroke, read_map_of, refusals
 from valve_twin.cli.output import print_json
 
@@ -41,8 +40,7 @@ def add(steps: Verbs) -> None:
 
 def _dynamics(arguments: argparse.Namespace) -> int:
     design = read_double_stroke(arguments)
-    if arguments.svg:
-        check_writable(arguments.svg)
+    check_writable(arguments.svg)
     from valve_twin.design.chain import find_fidelity
     from valve_twin.design.dynamics import Bridge, branch_records, fit_branches, identify_switched
     from valve_twin.design.field import Trapezoid, make_model
@@ -67,8 +65,7 @@ def _dynamics(arguments: argparse.Namespace) -> int:
         signals = record.flux[:, 0], record.currents[:, 0], record.force
         switched = found.rebuilt.flux, found.static
         picture = draw_switched(record.time_s, signals, switched, bridge.resistance)
-        Path(arguments.svg).write_text(picture, encoding="utf-8")
-        say(f"{arguments.svg}: written")
+        write_file(arguments.svg, picture)
     if not found.reached:
         say(
             f"slope {found.shape.slope:g} s/A is still too steep: the flux is off by "

@@ -6,10 +6,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say
+from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say, write_file
 from valve_twin.cli.design.given import (
     add_design,
     add_form,
@@ -69,8 +68,7 @@ def add(steps: Verbs) -> None:
 
 def _evaluate(arguments: argparse.Namespace) -> int:
     design = read_double_stroke(arguments)
-    if arguments.svg:
-        check_writable(arguments.svg)
+    check_writable(arguments.svg)
     from valve_twin.core.valves.designed import find_designable
     from valve_twin.design.chain import STEPS, evaluate, find_fidelity, short_of_current
 
@@ -99,8 +97,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     if arguments.svg:
         from valve_twin.report.loop import draw_loops
 
-        Path(arguments.svg).write_text(draw_loops(found.loops), encoding="utf-8")
-        say(f"{arguments.svg}: written")
+        write_file(arguments.svg, draw_loops(found.loops))
     short = short_of_current(found.designed)
     if short:
         say(short)

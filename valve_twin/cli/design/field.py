@@ -4,12 +4,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.common import OK, add_verb, check_writable, say
+from valve_twin.cli.common import OK, add_verb, check_writable, write_file
 from valve_twin.cli.design.given import add_design, read_given, refusals, section_of
-from valve_twin.cli.output import console, number, print_json, table
+from valve_twin.cli.output import number, print_json, print_rows, table
 
 if TYPE_CHECKING:
     import argparse
@@ -42,8 +41,7 @@ def add_fine(parser: argparse.ArgumentParser) -> None:
 
 def _field(arguments: argparse.Namespace) -> int:
     design = read_given(arguments)
-    if arguments.svg:
-        check_writable(arguments.svg)
+    check_writable(arguments.svg)
     from valve_twin.design.field import draw_field, make_model, solve_field
 
     with refusals(arguments.design):
@@ -52,8 +50,7 @@ def _field(arguments: argparse.Namespace) -> int:
         currents = arguments.current or [0.0] * len(model.section.coils)
         found = solve_field(model, currents, arguments.position)
     if arguments.svg:
-        Path(arguments.svg).write_text(draw_field(found), encoding="utf-8")
-        say(f"{arguments.svg}: written")
+        write_file(arguments.svg, draw_field(found))
     _show(found, as_json=arguments.json)
     return OK
 
@@ -71,8 +68,6 @@ def _show(found: Field, *, as_json: bool) -> None:
         print_json({name: value for name, (value, _) in values.items()} | sizes)
         return
     title = f"Field of {found.model.section.name}: {found.model.unknowns} unknowns"
-    shown = table(f"{title}, {found.steps} steps", ["value"], [""])
-    shown.add_column("unit")
-    for name, (value, unit) in values.items():
-        shown.add_row(name, number(value, ".6g"), unit)
-    console().print(shown)
+    shown = table(f"{title}, {found.steps} steps", ["value"], [""], ["unit"])
+    rows = ((name, number(value, ".6g"), unit) for name, (value, unit) in values.items())
+    print_rows(shown, rows)

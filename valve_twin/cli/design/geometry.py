@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, add_verb, check_writable, fail, say
 from valve_twin.cli.design.given import add_design, read_given, refusals, section_of
-from valve_twin.cli.output import console, number, print_json, table
+from valve_twin.cli.output import number, print_json, print_rows, table
 
 if TYPE_CHECKING:
     import argparse
@@ -39,8 +39,7 @@ def _geometry(arguments: argparse.Namespace) -> int:
 
     design = read_given(arguments)
     written = [path for path in (arguments.svg, arguments.dxf, arguments.yaml) if path]
-    for path in written:
-        check_writable(path)
+    check_writable(*written)
     if isinstance(design, DoubleStroke):
         with refusals():
             broken = design.violations()
@@ -80,8 +79,6 @@ def _show(design: DoubleStroke, *, as_json: bool) -> None:
     if as_json:
         print_json({name: value for name, (value, _) in values.items()})
         return
-    shown = table("Geometry: every restriction is kept", ["value"], [""])
-    shown.add_column("unit")
-    for name, (value, unit) in values.items():
-        shown.add_row(name, number(value, ".5g"), unit)
-    console().print(shown)
+    shown = table("Geometry: every restriction is kept", ["value"], [""], ["unit"])
+    rows = ((name, number(value, ".5g"), unit) for name, (value, unit) in values.items())
+    print_rows(shown, rows)

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import (
@@ -15,6 +14,7 @@ from valve_twin.cli.common import (
     progress_of,
     say,
     share_number,
+    write_file,
 )
 from valve_twin.cli.design.field import add_fine
 from valve_twin.cli.design.given import add_design, read_given, refusals
@@ -48,8 +48,7 @@ def add(steps: Verbs) -> None:
 
 
 def _holding(arguments: argparse.Namespace) -> int:
-    if arguments.svg:
-        check_writable(arguments.svg)
+    check_writable(arguments.svg)
     pole = _pole(arguments)
     from valve_twin.design.holding import GAPS, SHARE, STUDIED, UNPRINTED, holding_forces, study
 
@@ -65,8 +64,7 @@ def _holding(arguments: argparse.Namespace) -> int:
             effects = study(pole, names, share, fine, advance)
     base = forces[GAPS[0]]
     if arguments.svg:
-        Path(arguments.svg).write_text(_picture(effects, base), encoding="utf-8")
-        say(f"{arguments.svg}: written")
+        write_file(arguments.svg, _picture(effects, base))
     if arguments.json:
         print_json(_as_json(forces, effects))
         return OK
@@ -114,8 +112,7 @@ def _show_effects(effects: Sequence[Effect], base: FloatArray, share: float) -> 
 
     head = [f"{turns:g} At, %" for turns in TURNS]
     title = f"Each number alone, {-100 * share:g} % / {100 * share:+g} %, at {1e3 * NEAR:g} mm"
-    shown = table(f"{title}; what the paper says", ["number"], head)
-    shown.add_column("paper")
+    shown = table(f"{title}; what the paper says", ["number"], head, ["paper"])
     for of in effects:
         cells = ["/".join(number(100 * v, "+.1f") for v in pair) for pair in _changes(of, base)]
         told = STUDIED.get(of.name)

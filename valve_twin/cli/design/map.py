@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say
+from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say, write_file
 from valve_twin.cli.design.given import add_design, grid_of, read_given, refusals, section_of
 from valve_twin.cli.output import print_json
 
@@ -34,9 +34,7 @@ def add(steps: Verbs) -> None:
 
 def _map(arguments: argparse.Namespace) -> int:
     design = read_given(arguments)
-    for path in (arguments.out, arguments.svg):
-        if path:
-            check_writable(path)
+    check_writable(arguments.out, arguments.svg)
     from valve_twin.core.physics.coenergy import check_inductances
     from valve_twin.design.map import compute_map, write_map
 
@@ -53,8 +51,7 @@ def _map(arguments: argparse.Namespace) -> int:
     if arguments.svg:
         from valve_twin.report.coenergy import draw_coenergy
 
-        Path(arguments.svg).write_text(draw_coenergy(found), encoding="utf-8")
-        say(f"{arguments.svg}: written")
+        write_file(arguments.svg, draw_coenergy(found))
     said = ("name", "unknowns", "fields", "newton_steps", "sha256")
     print_json(
         {name: found.provenance[name] for name in said}

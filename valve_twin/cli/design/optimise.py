@@ -98,9 +98,7 @@ def add(steps: Verbs) -> None:
 def _optimise(arguments: argparse.Namespace) -> int:
     design = read_double_stroke(arguments)
     require("pymoo")
-    for path in (arguments.archive, arguments.yaml):
-        if path:
-            check_writable(path)
+    check_writable(arguments.archive, arguments.yaml)
     from valve_twin.design.geometry import write_design
     from valve_twin.design.search.optimise import VARIED, Settings, make_problem, optimise
     from valve_twin.design.search.tasks import evaluate_task, lost_design
@@ -192,8 +190,8 @@ def _show(found: Found, limits: Limits) -> None:
     for k, of in enumerate(found.front, start=1):
         rows.append((f"{k}{' *' if of is found.chosen else ''}", of))
     for name, of in rows:
-        shown.add_row(name, *(number(factor * of.figures[key], form)
-                              for key, _, factor, form in COLUMNS))  # fmt: skip
+        cells = (number(factor * of.figures[key], form) for key, _, factor, form in COLUMNS)
+        shown.add_row(name, *cells)
     console().print(shown)
     for name, value in found.chosen.values.items():
         say(f"{name}: {value:g}")

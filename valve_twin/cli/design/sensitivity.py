@@ -24,6 +24,7 @@ from valve_twin.cli.common import (
     say,
     seed_number,
     share_number,
+    write_file,
 )
 from valve_twin.cli.design.given import (
     add_design,
@@ -32,7 +33,7 @@ from valve_twin.cli.design.given import (
     refusals,
     require,
 )
-from valve_twin.cli.output import console, number, plain, print_json, table
+from valve_twin.cli.output import number, plain, print_json, print_rows, table
 
 if TYPE_CHECKING:
     import argparse
@@ -103,9 +104,7 @@ def add_study(parser: argparse.ArgumentParser) -> None:
 
 def _sensitivity(arguments: argparse.Namespace) -> int:
     design = read_double_stroke(arguments)
-    for path in (arguments.archive, arguments.svg):
-        if path:
-            check_writable(path)
+    check_writable(arguments.archive, arguments.svg)
     ends_as_interrupted()
     try:
         with opened(arguments, design) as archive:
@@ -115,8 +114,7 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
         say(f"valve-twin: interrupted{kept}")
         return FAILED
     if arguments.svg:
-        Path(arguments.svg).write_text(picture_of(middle, effects), encoding="utf-8")
-        say(f"{arguments.svg}: written")
+        write_file(arguments.svg, picture_of(middle, effects))
     if arguments.json:
         print_json(_as_json(middle, effects, indices))
         return OK
@@ -310,18 +308,13 @@ def _show(middle: Outcome, effects: Sequence[Effect], indices: Sequence[Indices]
     ):
         columns = [0, *range(1, part)] if part else [0, *range(7, len(head))]
         shown = table(title, [head[0]], [head[k] for k in columns[1:]])
-        for row in rows:
-            shown.add_row(*(row[k] for k in columns))
-        console().print(shown)
+        print_rows(shown, ([row[k] for k in columns] for row in rows))
     for of in effects:
         if of.error:
             say(f"{of.name}: {of.error}")
     if indices:
         head, rows = index_rows(indices)
-        shown = table("Sobol' indices with 95 % intervals", head[:2], head[2:])
-        for row in rows:
-            shown.add_row(*row)
-        console().print(shown)
+        print_rows(table("Sobol' indices with 95 % intervals", head[:2], head[2:]), rows)
         for index in indices:
             if index.refused:
                 say(f"{index.figure}: no indices: {index.refused}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.cli.common import OK, add_verb, check_writable, say
+from valve_twin.cli.common import OK, add_verb, check_writable, say, write_file
 from valve_twin.cli.design.given import add_design, read_given, read_map_of, refusals, section_of
 from valve_twin.cli.output import print_json
 
@@ -56,9 +56,7 @@ def add(steps: Verbs) -> None:
 
 def _transient(arguments: argparse.Namespace) -> int:
     design = read_given(arguments)
-    for path in (arguments.out, arguments.svg):
-        if path:
-            check_writable(path)
+    check_writable(arguments.out, arguments.svg)
     from valve_twin.design.field import Trapezoid, make_model, run_transient, static_force
 
     names = [f.name for f in fields(Trapezoid)]
@@ -87,8 +85,7 @@ def _transient(arguments: argparse.Namespace) -> int:
         picture = draw_transient(
             time_s, currents[:, 0], found.force, (time_s[::_EVERY], static), found.joule
         )
-        Path(arguments.svg).write_text(picture, encoding="utf-8")
-        say(f"{arguments.svg}: written")
+        write_file(arguments.svg, picture)
     heat = float(np.sum(found.joule[1:] * np.diff(time_s)))
     mean = 0.5 * (currents[1:] + currents[:-1])
     given_j = float(np.sum(mean * np.diff(found.flux, axis=0)))
