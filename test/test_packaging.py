@@ -296,9 +296,7 @@ def test_a_launch_file_sets_only_parameters_that_its_nodes_declare(path: Path) -
 
 
 @pytest.mark.parametrize(
-    "path",
-    sorted((ROOT / "msg_defs").glob("[ms][sr][gv]/*.*")),
-    ids=lambda path: path.name,
+    "path", sorted((ROOT / "msg_defs").glob("[ms][sr][gv]/*.*")), ids=lambda path: path.name
 )
 def test_every_field_of_a_message_is_explained(path: Path) -> None:
     for line in path.read_text(encoding="utf-8").splitlines():

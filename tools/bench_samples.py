@@ -17,12 +17,7 @@ from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 from valve_twin.core.valves.double_solenoid.plant_kernel import SAMPLE_S, STEP_S
 from valve_twin.core.valves.hybrid_actuator.magnetics import coil_current
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant
-from valve_twin.core.valves.hybrid_actuator.plant_kernel import (
-    FLUX_OPENER,
-    STATE_SIZE,
-    X,
-    follow,
-)
+from valve_twin.core.valves.hybrid_actuator.plant_kernel import FLUX_OPENER, STATE_SIZE, X, follow
 from valve_twin.core.valves.hybrid_actuator.static_force import forces
 from valve_twin.core.valves.servo_system.loops import sine_response
 from valve_twin.core.valves.servo_system.plant import ServoSystemPlant

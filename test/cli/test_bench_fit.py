@@ -118,10 +118,7 @@ def test_a_cell_without_a_number_is_told_with_its_line(tmp_path, capsys):
     [
         (["ring-down"], "give a CSV file with time_s, position_m"),
         (["ring-donw"], "there is no kind 'ring-donw'; did you mean 'ring-down'"),
-        (
-            ["ring-down", "x.csv"],
-            "spring rate [N/m] is not in the record; give --set",
-        ),
+        (["ring-down", "x.csv"], "spring rate [N/m] is not in the record; give --set"),
         (["ring-down", "x.csv", "--set", "spring_rate=k"], "write a number"),
         (["current", "x.csv", "--set", "gain=1"], "there is no such setting; it takes none"),
         (["static-force", "x.csv", "--set", "kernel=lin"], "--set kernel=lin: "),

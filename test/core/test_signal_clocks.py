@@ -65,11 +65,7 @@ def test_the_offset_of_a_signal_that_speaks_seldom_stands():
 
 @pytest.mark.parametrize(
     ("headers", "unstamped"),
-    [
-        ((True, False), "v_in"),
-        ((False, True), "position"),
-        ((False, False), ""),
-    ],
+    [((True, False), "v_in"), ((False, True), "position"), ((False, False), "")],
 )
 def test_who_carries_no_stamps_is_named(headers, unstamped):
     (found,) = looked([HOUR_NS], headers=headers)

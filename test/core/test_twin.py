@@ -130,10 +130,7 @@ def test_an_estimate_takes_effect_two_cycles_later(record):
 
 
 @pytest.mark.no_cover
-@given(
-    st.lists(st.integers(1, CYCLES * SAMPLES), max_size=25),
-    st.integers(0, 12),
-)
+@given(st.lists(st.integers(1, CYCLES * SAMPLES), max_size=25), st.integers(0, 12))
 @settings(max_examples=15)
 def test_neither_blocks_nor_slow_estimations_change_a_bit(record, cuts, patience):
     whole = bits(push_all(Twin(CONFIG, MODEL), record))

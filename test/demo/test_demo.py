@@ -59,11 +59,7 @@ def demo(demo_on_a_domain, tmp_path_factory):
     environment = {**os.environ, "BROWSER": f"sh -c 'echo %s >> {opened}'"}
     with (out / "told.txt").open("w+", encoding="utf-8") as told:
         process = subprocess.Popen(
-            command,
-            stdout=told,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            env=environment,
+            command, stdout=told, stderr=subprocess.STDOUT, start_new_session=True, env=environment
         )
         try:
             code = process.wait(240)

@@ -274,10 +274,7 @@ def messages(_: Path) -> Subject:
     """Return serialized messages behind one another, each with its length."""
     kinds = (STAMPED_TYPE, SERIES_TYPE)
     types = [BagTypes(Schema(1, definition(k).encode(), "ros2msg", k), "here") for k in kinds]
-    parts = [
-        encode_stamped(START_NS, 1.5, "frame"),
-        encode_series(START_NS, 0.03, np.arange(7.0)),
-    ]
+    parts = [encode_stamped(START_NS, 1.5, "frame"), encode_series(START_NS, 0.03, np.arange(7.0))]
     sizes = [len(p) for p in parts]
 
     def split(data: bytes) -> list[bytes]:

@@ -7,12 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from valve_twin.core.types import (
-    Estimate,
-    EstimateStatus,
-    ParameterStatus,
-    ParameterValue,
-)
+from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.report.plots import Marks, plot_parameter
 from valve_twin.report.svg import extremes
 

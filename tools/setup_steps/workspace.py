@@ -11,13 +11,7 @@ from setup_steps.console import ROOT, SUFFIX, WHEELS, SetupError, run, say
 from setup_steps.prefix import PYTHON, VENV, build_environment, site_packages
 
 ENVIRONMENT = VENV / "valve_twin_env.sh"
-SEARCH_PATHS = (
-    "AMENT_PREFIX_PATH",
-    "CMAKE_PREFIX_PATH",
-    "LD_LIBRARY_PATH",
-    "PYTHONPATH",
-    "PATH",
-)
+SEARCH_PATHS = ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "PATH")
 REQUIRED_MODULES = (
     "rclpy",
     "diagnostic_msgs.msg",

@@ -117,11 +117,7 @@ def _watch(processes: Processes, case: Case) -> int:
 
     limit_s = max(120.0, 5.0 * case.cycle_s * case.cycles / case.rate)
     return watch(
-        case.namespace,
-        case.cycles,
-        limit_s=limit_s,
-        alive=processes.alive,
-        first=case.followed,
+        case.namespace, case.cycles, limit_s=limit_s, alive=processes.alive, first=case.followed
     )
 
 

@@ -33,11 +33,7 @@ BESIDE = 32
 EVERY = 10
 """Without a terminal, one line is printed every so many cycles."""
 
-STATUS = {
-    Estimate.ACCEPTED: "accepted",
-    Estimate.PARTIAL: "in part",
-    Estimate.REFUSED: "refused",
-}
+STATUS = {Estimate.ACCEPTED: "accepted", Estimate.PARTIAL: "in part", Estimate.REFUSED: "refused"}
 
 _LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

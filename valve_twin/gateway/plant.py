@@ -15,13 +15,7 @@ from valve_twin.gateway.page.details import Details, DetailsOf, make_details
 from valve_twin.gateway.view import View
 from valve_twin.io.errors import StoreError, ValveTwinError
 from valve_twin.io.history.database import place_of
-from valve_twin.io.history.fleet import (
-    FleetOrder,
-    FleetRow,
-    ValveState,
-    describe_valve,
-    ranked,
-)
+from valve_twin.io.history.fleet import FleetOrder, FleetRow, ValveState, describe_valve, ranked
 from valve_twin.io.history.store import DamagedValueError, History
 from valve_twin.io.history.valves.names import DAMAGED_NAME
 

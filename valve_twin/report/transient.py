@@ -75,10 +75,7 @@ def draw_switched(
     middle, each = 0.5 * (ms[1:] + ms[:-1]), (len(rebuilt) - 1) // (len(ms) - 1)
     induced, made = (np.diff(psi) / np.diff(time_s) for psi in (flux, rebuilt[::each]))
     rows: _Rows = (
-        (
-            f"V - {resistance:.3g} ohm i [V]; means",
-            ((middle, induced, "a"), (middle, made, "b")),
-        ),
+        (f"V - {resistance:.3g} ohm i [V]; means", ((middle, induced, "a"), (middle, made, "b"))),
         ("flux linkage [mWb]", ((ms, 1e3 * flux, "a"), (fine, 1e3 * rebuilt, "b"))),
         ("current [A]; dashed: i_s", ((ms, current, "a"), (fine, static, "b"))),
         ("force [N]", ((ms, force, "a"),)),

@@ -220,12 +220,7 @@ def outflow_gain(
     config = replace(experiment(layer, cycles), aging=())
     options = complete_options(
         MODEL,
-        {
-            "estimators": ["kalman"],
-            "output_error": False,
-            "lag": layer.delay + 1,
-            "v_ref": v_ref,
-        },
+        {"estimators": ["kalman"], "output_error": False, "lag": layer.delay + 1, "v_ref": v_ref},
     )
     found = []
     for number, block in enumerate(simulate_cycles(config, cycles, seed)):

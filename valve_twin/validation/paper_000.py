@@ -15,10 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.control.current_loop import PATTERNS, SUB_STEPS, mean_voltage, pattern
-from valve_twin.core.control.flux_reconstruction import (
-    error_bound,
-    reconstruct_flux,
-)
+from valve_twin.core.control.flux_reconstruction import error_bound, reconstruct_flux
 from valve_twin.core.valves.double_solenoid.dynamics_fit import (
     excite,
     fit_current_dynamics,

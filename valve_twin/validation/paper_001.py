@@ -16,12 +16,7 @@ import numpy as np
 
 from valve_twin.core.valves.hybrid_actuator.magnetics import coil_current, coil_force
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant
-from valve_twin.core.valves.hybrid_actuator.plant_kernel import (
-    FLUX_OPENER,
-    STATE_SIZE,
-    X,
-    follow,
-)
+from valve_twin.core.valves.hybrid_actuator.plant_kernel import FLUX_OPENER, STATE_SIZE, X, follow
 from valve_twin.validation.check import Check, Kind, cannot, within_range, within_share
 from valve_twin.validation.registry import Paper
 

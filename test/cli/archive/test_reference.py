@@ -71,10 +71,7 @@ def folder(tmp_path_factory):
                 record = CycleRecord(e.cycle, e.start_ns, e.end_ns, 800)
                 history.store(f"/press/v{k}", record, [e, f])
     nested = {"/**": {"ros__parameters": {"model": "press_cartridge", "cycles": {}}}}
-    nested["/**"]["ros__parameters"]["cycles"] = {
-        "start_signal": "v_in",
-        "rearm_signal": "v_out",
-    }
+    nested["/**"]["ros__parameters"]["cycles"] = {"start_signal": "v_in", "rearm_signal": "v_out"}
     (folder / "press.yaml").write_text(yaml.safe_dump(nested), encoding="utf-8")
     return folder
 

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.aging.laws.shapes import LawFit
-from valve_twin.core.aging.life import (
-    MAX_STAMP_NS,
-    Approach,
-    Remaining,
-    axis_rate,
-    date_after,
-)
+from valve_twin.core.aging.life import MAX_STAMP_NS, Approach, Remaining, axis_rate, date_after
 from valve_twin.core.aging.trend import fit_line, quantile
 
 INF = float("inf")

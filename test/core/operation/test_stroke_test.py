@@ -7,11 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from valve_twin.core.operation.stroke_test import (
-    StrokeLimits,
-    StrokeVerdict,
-    judge_stroke,
-)
+from valve_twin.core.operation.stroke_test import StrokeLimits, StrokeVerdict, judge_stroke
 from valve_twin.core.quantity import QuantityError
 
 DT, BEGIN, BACK, END = 0.02, 3.0, 18.0, 33.0

@@ -20,13 +20,7 @@ from valve_twin.core.diagnosis.table import with_floor
 from valve_twin.core.past.columns import past_of
 from valve_twin.core.past.state import FINDINGS, FIRST, FIRST_FEATURES, AgingState
 from valve_twin.core.refusal import RefusalCode
-from valve_twin.core.types import (
-    Estimate,
-    EstimateStatus,
-    Maintenance,
-    Parameter,
-    ParameterValue,
-)
+from valve_twin.core.types import Estimate, EstimateStatus, Maintenance, Parameter, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
 
 PARAMETERS = (Parameter("gain", "1", "", trend=True),)

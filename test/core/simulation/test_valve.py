@@ -25,8 +25,7 @@ from valve_twin.core.valves.registry import get_simulation
 
 DEFAULT = default_simulation()
 IDEAL = configure(
-    DEFAULT,
-    {"measurement": {"noise": 0, "delay": 0}, "scatter": {"supply_pressure": 0}},
+    DEFAULT, {"measurement": {"noise": 0, "delay": 0}, "scatter": {"supply_pressure": 0}}
 )
 ROUGH = configure(
     DEFAULT,

@@ -11,10 +11,7 @@ from valve_twin.core.simulation import configure
 from valve_twin.core.valves.error_budget import BudgetOptions, error_budget, row_count
 from valve_twin.core.valves.positioner import MODEL as POSITIONER
 from valve_twin.core.valves.press_cartridge import MODEL
-from valve_twin.core.valves.press_cartridge.approximations import (
-    euler_error,
-    press_approximations,
-)
+from valve_twin.core.valves.press_cartridge.approximations import euler_error, press_approximations
 from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant
 from valve_twin.core.valves.registry import complete_options, get_simulation
 

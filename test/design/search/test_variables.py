@@ -9,13 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from valve_twin.design.geometry import DoubleStroke
-from valve_twin.design.search.variables import (
-    changed,
-    dimensions,
-    key_of,
-    make_variable,
-    value_of,
-)
+from valve_twin.design.search.variables import changed, dimensions, key_of, make_variable, value_of
 
 
 @given(st.floats(0.0, 1.0))

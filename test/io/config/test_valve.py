@@ -115,10 +115,7 @@ def test_the_prefix_stands_before_every_topic():
 
 
 def test_fields_follow_from_the_type():
-    config = one(
-        signals__command__type=SERIES_TYPE,
-        signals__position__type="std_msgs/Float64",
-    )
+    config = one(signals__command__type=SERIES_TYPE, signals__position__type="std_msgs/Float64")
     assert config.signals["command"].field == "values[]"
     assert config.signals["position"].field == "data"
     assert config.signals["position"].type == "std_msgs/msg/Float64"

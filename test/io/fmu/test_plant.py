@@ -68,8 +68,7 @@ def test_the_valve_of_an_fmu_moves_as_the_one_it_was_made_from(fmus, version):
 @both
 def test_simulate_and_estimate_find_the_parameters_of_the_fmu(fmus, tmp_path, version):
     text = CONFIG.read_text().replace(
-        "    simulation:\n",
-        f"    simulation:\n      fmu: {{file: {fmus}/v{version}.fmu}}\n",
+        "    simulation:\n", f"    simulation:\n      fmu: {{file: {fmus}/v{version}.fmu}}\n"
     )
     path = tmp_path / "valve.yaml"
     path.write_text(text.replace("rate: 0.005", "rate: 0.02"))

@@ -110,16 +110,8 @@ class TestWithdrawnEvents:
     @pytest.mark.parametrize(
         ("cycle", "note", "why"),
         [
-            (
-                11,
-                "why",
-                "a maintenance event at cycle 11 is not there: in force are .* 7",
-            ),
-            (
-                10,
-                "why",
-                "cycle 10 was withdrawn already: the other valve was meant: .* 7",
-            ),
+            (11, "why", "a maintenance event at cycle 11 is not there: in force are .* 7"),
+            (10, "why", "cycle 10 was withdrawn already: the other valve was meant: .* 7"),
             (7, " ", "the note is empty: say why it is withdrawn"),
             (7, "ü" * 1025, "the note has 2050 bytes, 2048 at most"),
         ],

@@ -112,10 +112,7 @@ def test_files_follow_one_another_with_a_pause_and_their_names(run):
     config, summary, bag = run(CONFIG + "csv.gap_s: 3.0\n", ROWS, ROWS)
     stamps, _, _ = signal(config, bag, "position")
     assert stamps[10] - stamps[9] == 3 * 10**9
-    assert read_texts(bag, "/valve/run") == [
-        (int(stamps[0]), "run_0"),
-        (int(stamps[10]), "run_1"),
-    ]
+    assert read_texts(bag, "/valve/run") == [(int(stamps[0]), "run_0"), (int(stamps[10]), "run_1")]
     assert [f.rows for f in summary.files] == [10, 10]
 
 

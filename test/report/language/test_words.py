@@ -29,21 +29,8 @@ from valve_twin.core.diagnosis.changes.finding import (
     describe_finding,
     lately_over,
 )
-from valve_twin.core.diagnosis.table import (
-    BY_NAME,
-    FAULT_TYPES,
-    PAIRS,
-    PARTS,
-    SHOWN_BY,
-    partner,
-)
-from valve_twin.core.faults.advice import (
-    BY_VERDICT,
-    FAILURE_MODES,
-    FAULT_ADVICE,
-    NOW,
-    advise,
-)
+from valve_twin.core.diagnosis.table import BY_NAME, FAULT_TYPES, PAIRS, PARTS, SHOWN_BY, partner
+from valve_twin.core.faults.advice import BY_VERDICT, FAILURE_MODES, FAULT_ADVICE, NOW, advise
 from valve_twin.core.faults.kinds import FAULT_KINDS
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Prediction, Validity

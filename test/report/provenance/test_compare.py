@@ -12,14 +12,7 @@ from valve_twin.report.provenance.compare import (
     version_differences,
 )
 from valve_twin.report.provenance.inputs import rows_part
-from valve_twin.report.provenance.record import (
-    BAG,
-    HISTORY,
-    Origin,
-    Part,
-    Provenance,
-    versions,
-)
+from valve_twin.report.provenance.record import BAG, HISTORY, Origin, Part, Provenance, versions
 
 ROWS = [{"cycle": n, "value": n / 7.0} for n in range(5)]
 

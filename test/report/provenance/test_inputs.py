@@ -10,12 +10,7 @@ import pytest
 from valve_twin.io.cdr.signals import SignalBlock, SignalSource
 from valve_twin.io.config.valve import ValveConfig
 from valve_twin.report.provenance import inputs
-from valve_twin.report.provenance.inputs import (
-    bag_origin,
-    history_origin,
-    history_rows,
-    rows_part,
-)
+from valve_twin.report.provenance.inputs import bag_origin, history_origin, history_rows, rows_part
 
 STAMPS = np.arange(100, dtype=np.int64) * 10_000_000
 

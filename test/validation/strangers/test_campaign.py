@@ -8,12 +8,7 @@ import pytest
 from scipy.stats import binom
 
 from valve_twin.cli.strangers import setup_of
-from valve_twin.validation.strangers.campaign import (
-    SCORED_BASE,
-    meet,
-    pooled,
-    seeds,
-)
+from valve_twin.validation.strangers.campaign import SCORED_BASE, meet, pooled, seeds
 
 SHORT_BASE, SHORT_COUNT = 960_003, 3
 """Seeds of the short form: neither scored in a table nor tuned on."""

@@ -9,13 +9,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say, write_file
-from valve_twin.cli.design.given import (
-    add_design,
-    add_form,
-    form_of,
-    read_double_stroke,
-    refusals,
-)
+from valve_twin.cli.design.given import add_design, add_form, form_of, read_double_stroke, refusals
 from valve_twin.cli.output import console, number, print_json, table
 from valve_twin.io.errors import ConfigError
 

@@ -18,12 +18,7 @@ from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.covariates import describe_effects, without_conditions
 from valve_twin.core.aging.cutting.falls import at_one_command
 from valve_twin.core.aging.cutting.memory import Memory
-from valve_twin.core.aging.drift import (
-    find_reference,
-    nearest_limit,
-    present_segment,
-    with_drift,
-)
+from valve_twin.core.aging.drift import find_reference, nearest_limit, present_segment, with_drift
 from valve_twin.core.aging.life import axis_rate
 from valve_twin.core.aging.limits.forecast import (
     CERTAIN,

@@ -287,12 +287,7 @@ def with_drift(
         trend.level,
         start,
         ratio_interval(
-            trend.level,
-            start,
-            var_a=var_level,
-            cov=present.cross,
-            var_b=present.var_start,
-            t=t,
+            trend.level, start, var_a=var_level, cov=present.cross, var_b=present.var_start, t=t
         ),
         resolution,
     )

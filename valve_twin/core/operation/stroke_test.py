@@ -204,11 +204,7 @@ def _refused(reason: str) -> StrokeTest:
 
 
 def _away(
-    time_s: FloatArray,
-    way: FloatArray,
-    smooth: FloatArray,
-    between: tuple[int, int],
-    noise: float,
+    time_s: FloatArray, way: FloatArray, smooth: FloatArray, between: tuple[int, int], noise: float
 ) -> dict[str, float]:
     """Return what is judged of the way there, by the names of the limits."""
     begin, back = between

@@ -28,13 +28,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.diagnosis.changes.finding import Finding
     from valve_twin.core.past.block import Block
-    from valve_twin.core.types import (
-        BoolArray,
-        Estimate,
-        FloatArray,
-        IntArray,
-        ParameterValue,
-    )
+    from valve_twin.core.types import BoolArray, Estimate, FloatArray, IntArray, ParameterValue
 
 _FIRST = 64  # rows that a new table has room for
 _ABSENT = -1  # status of a parameter that an estimate does not hold

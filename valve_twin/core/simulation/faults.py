@@ -24,14 +24,7 @@ KINDS = (
 )
 """Every kind; what a valve takes beyond `COMMON_KINDS` is named by its plant."""
 
-PLANT_KINDS = (
-    "stiction",
-    "preload",
-    "coil_resistance",
-    "dead_band",
-    "supply_drop",
-    "aeration",
-)
+PLANT_KINDS = ("stiction", "preload", "coil_resistance", "dead_band", "supply_drop", "aeration")
 """Kinds that are other numbers of the plant."""
 
 _LOWEST = {"sensor_offset": -1.0, "sensor_gain": -0.9}

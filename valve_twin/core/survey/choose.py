@@ -12,13 +12,7 @@ import numpy as np
 
 from valve_twin.core.estimation.solvers.arx import fit_arx, line_fit
 from valve_twin.core.prediction import fit_percent
-from valve_twin.core.survey.pairs import (
-    Match,
-    Signal,
-    Views,
-    match_increments,
-    match_levels,
-)
+from valve_twin.core.survey.pairs import Match, Signal, Views, match_increments, match_levels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

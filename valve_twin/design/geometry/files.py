@@ -34,10 +34,7 @@ _MM = 1e-3
 _DEEPEST = 8  # levels of a design's YAML
 _LONGEST = 1 << 18  # characters of one; the longest of ours has 3000
 _BOX = ("radius", "low", "high")
-_TEXTS = (
-    ("material", "air"),
-    ("coil", ""),
-)  # of a region, with what is usual
+_TEXTS = (("material", "air"), ("coil", ""))  # of a region, with what is usual
 
 
 class _Loader(yaml.SafeLoader):

@@ -14,11 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin import __version__
-from valve_twin.core.physics.coenergy import (
-    CoenergyMap,
-    check_inductances,
-    spline_coefficients,
-)
+from valve_twin.core.physics.coenergy import CoenergyMap, check_inductances, spline_coefficients
 from valve_twin.core.quantity import assumed, check_quantities
 from valve_twin.design.field.model import make_model
 from valve_twin.design.map.sweep import sweep_fields

@@ -13,13 +13,7 @@ import numpy as np
 from valve_twin.core.quantity import Kind, describe, suggest
 from valve_twin.design.search.surrogate import fit_surrogate
 from valve_twin.design.search.tasks import DesignTask
-from valve_twin.design.search.variables import (
-    changed,
-    dimensions,
-    key_of,
-    make_variable,
-    value_of,
-)
+from valve_twin.design.search.variables import changed, dimensions, key_of, make_variable, value_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

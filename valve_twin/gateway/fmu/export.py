@@ -22,10 +22,7 @@ if TYPE_CHECKING:
 
     from valve_twin.gateway.fmu.valve import FmuValve
 
-_TARGETS = {
-    "linux64": ("x86_64-linux-gnu.2.17", ".so"),
-    "win64": ("x86_64-windows-gnu", ".dll"),
-}
+_TARGETS = {"linux64": ("x86_64-linux-gnu.2.17", ".so"), "win64": ("x86_64-windows-gnu", ".dll")}
 """Target of the compiler and ending of the binary, by the platform as FMI 2.0 names it."""
 
 _NAMES_3 = {"linux64": "x86_64-linux", "win64": "x86_64-windows"}

@@ -188,9 +188,7 @@ class MqttFace:
 
 
 def _hear(
-    events: queue.Queue[_Event],
-    message: MQTTMessage,
-    awaits: Callable[[bytes], bytes | None],
+    events: queue.Queue[_Event], message: MQTTMessage, awaits: Callable[[bytes], bytes | None]
 ) -> None:
     """Keep a message to be read, unless it is none of ours or too many wait.
 

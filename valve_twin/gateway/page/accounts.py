@@ -80,10 +80,7 @@ class Accounts:
     """
 
     def __init__(
-        self,
-        path: str,
-        tell: Callable[[str], None],
-        clock: Callable[[], float] = time.monotonic,
+        self, path: str, tell: Callable[[str], None], clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._path, self._tell, self._clock = path, tell, clock
         self._passwords = Passwords(read_users(path), tell, "page", clock)

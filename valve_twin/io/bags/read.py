@@ -8,13 +8,7 @@ definitions in the bag, and what was read is counted against the summary of each
 
 from __future__ import annotations
 
-from valve_twin.io.bags.contents import (
-    BagInfo,
-    TopicInfo,
-    bag_info,
-    bag_types,
-    topic_name,
-)
+from valve_twin.io.bags.contents import BagInfo, TopicInfo, bag_info, bag_types, topic_name
 from valve_twin.io.bags.folder import bag_files
 from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.signals import SLICE_S, read_columns, read_signals

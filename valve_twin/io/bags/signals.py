@@ -298,7 +298,7 @@ def _groups(parts: Sequence[_Part]) -> Iterator[list[tuple[_Part, ChunkIndex | N
             (c.start_ns, c.end_ns, n, i)
             for n, part in enumerate(parts)
             for i, c in enumerate(part.file.summary.chunks)
-        ),
+        )
     )
     group: list[tuple[_Part, ChunkIndex | None]] = []
     until = -1

@@ -50,12 +50,7 @@ class LocalRunner(Generic[T, R]):
     """
 
     def __init__(
-        self,
-        jobs: int,
-        work: Callable[[T], R],
-        lost: Callable[[T, str], R],
-        *,
-        keep: bool = False,
+        self, jobs: int, work: Callable[[T], R], lost: Callable[[T, str], R], *, keep: bool = False
     ) -> None:
         self._jobs, self._work, self._lost, self._keep = jobs, work, lost, keep
         self._pool: ProcessPoolExecutor | None = None

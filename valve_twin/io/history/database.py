@@ -219,10 +219,7 @@ class Database:
     def _make_engine(self) -> Engine:
         if self.is_sqlite:
             engine = sa.create_engine(
-                self.url,
-                creator=self._connect_sqlite,
-                max_overflow=-1,
-                paramstyle="named",
+                self.url, creator=self._connect_sqlite, max_overflow=-1, paramstyle="named"
             )
             sa.event.listen(engine, "begin", _begin_sqlite)
             return engine

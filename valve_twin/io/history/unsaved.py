@@ -23,13 +23,7 @@ from urllib.parse import quote
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.log.counters import counters_row, row_counters
 from valve_twin.io.history.store import CycleTakenError
-from valve_twin.io.history.tables import (
-    CycleRecord,
-    estimate_row,
-    from_row,
-    row_estimate,
-    to_row,
-)
+from valve_twin.io.history.tables import CycleRecord, estimate_row, from_row, row_estimate, to_row
 from valve_twin.io.sealed import flush, flush_folder, unsealed, write_sealed
 
 if TYPE_CHECKING:

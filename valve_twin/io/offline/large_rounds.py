@@ -30,11 +30,7 @@ LARGE_SAMPLES = 30_000
 
 
 def in_large_rounds(
-    blocks: Iterable[SignalBlock],
-    order: Sequence[str],
-    *,
-    hold_back_s: float,
-    slice_s: float,
+    blocks: Iterable[SignalBlock], order: Sequence[str], *, hold_back_s: float, slice_s: float
 ) -> Iterator[list[SignalBlock]]:
     """Return the rounds of a record, large ones where that gives the same frames.
 

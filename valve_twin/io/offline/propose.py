@@ -95,10 +95,7 @@ def _still(signals: Mapping[str, Signal]) -> dict[str, float]:
 
 
 def _nothing(
-    bag: str | Path,
-    sources: dict[str, SignalSource],
-    position: str,
-    still: Mapping[str, float],
+    bag: str | Path, sources: dict[str, SignalSource], position: str, still: Mapping[str, float]
 ) -> str:
     names = ", ".join(list(sources)[:_NAMED]) or "none"
     more = f" and {len(sources) - _NAMED} more" if len(sources) > _NAMED else ""

@@ -31,8 +31,7 @@ svg { font: 12px sans-serif; fill: #1b2026; } path { fill: none; }
 
 
 def draw_front(
-    axes: Sequence[tuple[str, float, str]],
-    points: Mapping[str, Sequence[Mapping[str, float]]],
+    axes: Sequence[tuple[str, float, str]], points: Mapping[str, Sequence[Mapping[str, float]]]
 ) -> str:
     """Return the picture as an SVG document: the first figure against each of the others.
 

@@ -10,13 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import lfilter
 
-from valve_twin.validation.strangers.kernel import (
-    STEP_S,
-    TRACE_S,
-    Press,
-    run_cycle,
-    steady_speed,
-)
+from valve_twin.validation.strangers.kernel import STEP_S, TRACE_S, Press, run_cycle, steady_speed
 from valve_twin.validation.strangers.troubles import troubled
 
 if TYPE_CHECKING:

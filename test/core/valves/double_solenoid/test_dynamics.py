@@ -11,11 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from valve_twin.core.control.flux_reconstruction import (
-    error_bound,
-    reachable,
-    reconstruct_flux,
-)
+from valve_twin.core.control.flux_reconstruction import error_bound, reachable, reconstruct_flux
 from valve_twin.core.physics.solenoid_map import coil_current
 from valve_twin.core.valves.double_solenoid.dynamics_fit import (
     BIAS_A,

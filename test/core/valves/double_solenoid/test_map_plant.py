@@ -105,10 +105,7 @@ def test_trajectory_set_control_takes_a_step_on_the_map():
         ({"map_coenergy": (1.0, 2.0)}, "map_coenergy: 2 values; 7 currents and 9 positions need"),
         ({"end_stop": 1.1e-3}, "map_position ends at 0.001 m: must reach end_stop = 0.0011 m"),
         ({"map_flux": (0.0,) * 63}, "map_flux and map_coenergy: write one of them"),
-        (
-            {"map_current": (0.0, 1.0, 1.0, 2.0)},
-            "map_current: 4 values; must be 4 or more",
-        ),
+        ({"map_current": (0.0, 1.0, 1.0, 2.0)}, "map_current: 4 values; must be 4 or more"),
         ({"current_b2": 5e-7}, "current_b2 = 5e-07: must be below current_a2/"),
     ],
 )

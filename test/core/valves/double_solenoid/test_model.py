@@ -212,10 +212,7 @@ def test_refuses_a_record_of_nothing_but_not_a_number():
     assert refusal(changed(cycle(), position=position)) == "0 usable samples, fewer than 500"
 
 
-MIXED = {
-    "coils_exchanged": [0, 2, 1, 4, 3],
-    "voltage_and_current_exchanged": [0, 3, 4, 1, 2],
-}
+MIXED = {"coils_exchanged": [0, 2, 1, 4, 3], "voltage_and_current_exchanged": [0, 3, 4, 1, 2]}
 
 
 @pytest.mark.parametrize("order", MIXED.values(), ids=MIXED)

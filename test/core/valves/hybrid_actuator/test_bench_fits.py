@@ -16,12 +16,7 @@ from valve_twin.core.valves.hybrid_actuator.magnetics import (
     coil_current,
 )
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant
-from valve_twin.core.valves.hybrid_actuator.plant_kernel import (
-    FLUX_OPENER,
-    STATE_SIZE,
-    X,
-    follow,
-)
+from valve_twin.core.valves.hybrid_actuator.plant_kernel import FLUX_OPENER, STATE_SIZE, X, follow
 from valve_twin.core.valves.hybrid_actuator.ring_down import fit_ring_down
 from valve_twin.core.valves.hybrid_actuator.static_force import (
     ForceCurve,

@@ -14,12 +14,7 @@ import pytest
 from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.aging import AgingConfig, assess
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
-from valve_twin.core.simulation import (
-    AgingRule,
-    configure,
-    simulate_cycles,
-    to_frames,
-)
+from valve_twin.core.simulation import AgingRule, configure, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.press_cartridge.truth import cycle_truth

@@ -144,9 +144,7 @@ def test_refuses_sampling_too_slow_for_its_modes():
 
 
 @given(
-    st.lists(st.floats(0.0, 1.0), min_size=1, max_size=6),
-    st.floats(0.0, 0.1),
-    st.floats(1e8, 5e9),
+    st.lists(st.floats(0.0, 1.0), min_size=1, max_size=6), st.floats(0.0, 0.1), st.floats(1e8, 5e9)
 )
 @settings(max_examples=15, deadline=None)
 def test_stays_finite_and_inside_its_stops_whatever_is_wanted(levels, air, bulk):

@@ -88,11 +88,7 @@ class Masks:
 
 
 def find_masks(
-    frames: Frames,
-    period_s: float,
-    *,
-    push: tuple[float, ...],
-    options: MaskOptions | None = None,
+    frames: Frames, period_s: float, *, push: tuple[float, ...], options: MaskOptions | None = None
 ) -> Masks:
     """Find the samples of a cycle that must not enter a fit.
 

@@ -226,22 +226,9 @@ def adapt_corrected(
     """Learn N samples by the corrected algorithm; parameters as `adapt`."""
     new, prior, posterior = _copies(state, y)
     settings = np.array(
-        [
-            adaptation.max_trace,
-            adaptation.max_radius,
-            adaptation.forgetting,
-            adaptation.early_rate,
-        ]
+        [adaptation.max_trace, adaptation.max_radius, adaptation.forgetting, adaptation.early_rate]
     )
-    correct_block(
-        new,
-        structure.orders,
-        settings,
-        _column(y),
-        _column(u),
-        prior,
-        posterior,
-    )
+    correct_block(new, structure.orders, settings, _column(y), _column(u), prior, posterior)
     return Adapted(new, prior, posterior)
 
 

@@ -111,10 +111,7 @@ def minimise_residuals(
 
 
 def sensitivities(
-    residuals: Callable[[FloatArray], FloatArray],
-    p: FloatArray,
-    limits: Limits,
-    steps: FloatArray,
+    residuals: Callable[[FloatArray], FloatArray], p: FloatArray, limits: Limits, steps: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return residuals (N,) and their derivatives (N, P), differences that stay inside the bounds.
 

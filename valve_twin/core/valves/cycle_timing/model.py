@@ -69,11 +69,9 @@ class CycleTimingModel(CompiledModel):
         del earlier
         timing = find_timing(cycle, options)
         reasons = [r for r in (timing.spike_refusal, timing.steady_refusal) if r]
-        status = (
-            EstimateStatus.ACCEPTED,
-            EstimateStatus.PARTIAL,
-            EstimateStatus.REFUSED,
-        )[len(reasons)]
+        status = (EstimateStatus.ACCEPTED, EstimateStatus.PARTIAL, EstimateStatus.REFUSED)[
+            len(reasons)
+        ]
         n = len(cycle.frames)
         bad = n - int(np.count_nonzero(cycle.frames.valid & np.isfinite(cycle.frames.position)))
         reason = Refusal(reasons[0].code, "; ".join(reasons)) if reasons else "accepted"

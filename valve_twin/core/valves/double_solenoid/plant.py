@@ -32,13 +32,7 @@ from valve_twin.core.physics.solenoid_map import (
 from valve_twin.core.quantity import QuantityError, assumed, check_quantities, compiled, setting
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
-from valve_twin.core.simulation.plant import (
-    Drive,
-    Plant,
-    Response,
-    failure_text,
-    whole_ratio,
-)
+from valve_twin.core.simulation.plant import Drive, Plant, Response, failure_text, whole_ratio
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.double_solenoid import plant_kernel as at
 from valve_twin.core.valves.double_solenoid.control.kernel import (

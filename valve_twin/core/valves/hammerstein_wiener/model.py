@@ -37,13 +37,7 @@ from valve_twin.core.valves.hammerstein_wiener.parameters import (
 from valve_twin.core.valves.hammerstein_wiener.plant import LAW, PROGRAM
 from valve_twin.core.valves.hammerstein_wiener.shape import Shape
 from valve_twin.core.valves.kit.compiled import CompiledModel
-from valve_twin.core.valves.kit.outcome import (
-    Evidence,
-    conclude,
-    not_excited,
-    refuse,
-    unexcited,
-)
+from valve_twin.core.valves.kit.outcome import Evidence, conclude, not_excited, refuse, unexcited
 from valve_twin.core.valves.kit.plant import simulation_of
 from valve_twin.core.valves.kit.record import take_record
 from valve_twin.core.valves.kit.strangers import READ_OTHERWISE
@@ -106,10 +100,7 @@ class HammersteinWienerModel(CompiledModel):
         fit = _known(data, before[-1], options) if len(before) >= _CHOICES else None
         if fit is None:
             fit = choose(
-                data,
-                blocks=options.blocks,
-                max_order=options.max_order,
-                max_lag=options.max_lag,
+                data, blocks=options.blocks, max_order=options.max_order, max_lag=options.max_lag
             )
         values = _values(fit, data, cycle.period_s)
         evidence = Evidence(record.counts, lag=fit.shape.lag)

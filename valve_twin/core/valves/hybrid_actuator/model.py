@@ -149,10 +149,7 @@ class HybridActuatorModel(AsLaw, CompiledModel):
             return np.full(N_COEFFICIENTS, np.nan)
         known = {name: value for name, value in values.items() if np.isfinite(value)}
         return coefficients(
-            options.armature(known),
-            options.magnetics(known),
-            options.current_scale,
-            period_s,
+            options.armature(known), options.magnetics(known), options.current_scale, period_s
         )
 
     def strangers(self) -> Mapping[str, Mapping[str, object]]:

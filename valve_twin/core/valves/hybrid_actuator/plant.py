@@ -20,13 +20,7 @@ from valve_twin.core.control.current_loop import CurrentSensor
 from valve_twin.core.quantity import assumed, check_quantities, compiled, quantity, setting
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
-from valve_twin.core.simulation.plant import (
-    Drive,
-    Plant,
-    Response,
-    failure_text,
-    whole_ratio,
-)
+from valve_twin.core.simulation.plant import Drive, Plant, Response, failure_text, whole_ratio
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.hybrid_actuator import plant_kernel as at
 from valve_twin.core.valves.hybrid_actuator.landing import loop

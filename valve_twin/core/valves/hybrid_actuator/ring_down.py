@@ -82,11 +82,7 @@ def fit_ring_down(time_s: FloatArray, position: FloatArray, spring_rate: float) 
         FitParameter("decay", rate, 0.0, omega),
         FitParameter("frequency", omega, 0.25 * omega, 4.0 * omega),
     ]
-    fit = fit_curves(
-        oscillation,
-        [Curve(since, position)],
-        parameters,
-    )
+    fit = fit_curves(oscillation, [Curve(since, position)], parameters)
     decay, damped = fit.value("decay"), fit.value("frequency")
     natural = float(np.hypot(decay, damped))
     mass = spring_rate / natural**2

@@ -10,11 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.refusal import Refusal, RefusalCode
-from valve_twin.core.types import (
-    Estimate,
-    MaskCounts,
-    ParameterValue,
-)
+from valve_twin.core.types import Estimate, MaskCounts, ParameterValue
 from valve_twin.core.valves.hydraulic_actuator.fit import Record, Solution, fit_free_run
 from valve_twin.core.valves.hydraulic_actuator.kernels import STATE_SIZE, predict_block
 from valve_twin.core.valves.hydraulic_actuator.parameters import (

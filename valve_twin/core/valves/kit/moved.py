@@ -117,9 +117,7 @@ def _widened(estimate: Estimate, asides: Sequence[Sequence[Estimate]], moves: Mo
     """Return an estimate whose limits hold what each constant, moved, changes in it at most."""
     parameters = tuple(
         _around(
-            p,
-            np.array([max(_off(p, side) for side in sides) for sides in asides]),
-            moves.names,
+            p, np.array([max(_off(p, side) for side in sides) for sides in asides]), moves.names
         )
         if p.usable
         else p

@@ -146,12 +146,7 @@ def conclude(
 
 
 def refuse(
-    model: str,
-    estimator: str,
-    cycle: Cycle,
-    names: Iterable[str],
-    reason: str,
-    evidence: Evidence,
+    model: str, estimator: str, cycle: Cycle, names: Iterable[str], reason: str, evidence: Evidence
 ) -> Estimate:
     """Return the estimate of a cycle that says nothing; `names` of what it lacks, else `conclude`.
 

@@ -18,13 +18,7 @@ from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.fit import fit_free_run
 from valve_twin.core.valves.kit.law import Law, Lawful
 from valve_twin.core.valves.kit.loops import MAX_LAG, memory_size
-from valve_twin.core.valves.kit.outcome import (
-    Evidence,
-    at_bound,
-    conclude,
-    not_excited,
-    unexcited,
-)
+from valve_twin.core.valves.kit.outcome import Evidence, at_bound, conclude, not_excited, unexcited
 from valve_twin.core.valves.kit.plant import simulation_of
 from valve_twin.core.valves.kit.prediction import state_size
 from valve_twin.core.valves.kit.record import take_record

@@ -19,14 +19,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.positioner.fit import Record
 
 _BIN, _HELD = 0.05, 0.05  # width of a level / range, least share of the samples in it [1], assumed
-_MEDIANS = (
-    "rate_rising",
-    "rate_falling",
-    "velocity_lag",
-    "rest_level",
-    "delay",
-    "delay_falling",
-)
+_MEDIANS = ("rate_rising", "rate_falling", "velocity_lag", "rest_level", "delay", "delay_falling")
 _LEAST_SPREAD = 0.1  # levels that distinguish a line from a gain, in the greatest one [1], assumed
 
 

@@ -29,12 +29,7 @@ from valve_twin.core.valves.positioner.curve import (
     shows_several_levels,
 )
 from valve_twin.core.valves.positioner.extended import predict_extended
-from valve_twin.core.valves.positioner.fit import (
-    FASTEST_RATE,
-    bounds,
-    fit_free_run,
-    normal,
-)
+from valve_twin.core.valves.positioner.fit import FASTEST_RATE, bounds, fit_free_run, normal
 from valve_twin.core.valves.positioner.fit_extended import fit_extended
 from valve_twin.core.valves.positioner.kernels import MEMORY, RUNS, predict_block
 from valve_twin.core.valves.positioner.law import EXTENDED, LAW
@@ -50,13 +45,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.estimation.solvers.least_squares import Limits
     from valve_twin.core.simulation.config import SimulationConfig
-    from valve_twin.core.types import (
-        BoolArray,
-        Cycle,
-        Estimate,
-        FloatArray,
-        Parameter,
-    )
+    from valve_twin.core.types import BoolArray, Cycle, Estimate, FloatArray, Parameter
     from valve_twin.core.valves.positioner.fit import Record, Solution
     from valve_twin.core.valves.positioner.record import Prepared
     from valve_twin.core.valves.positioner.structure import Structure
@@ -114,9 +103,7 @@ class PositionerModel(Lawful, CompiledModel):
         if prepared.refusal:
             return (refused(self.name, cycle, prepared),)
         limits = bounds(
-            cycle.period_s,
-            min_slew=options.min_slew,
-            max_dead_band=options.max_dead_band,
+            cycle.period_s, min_slew=options.min_slew, max_dead_band=options.max_dead_band
         )
         if options.extended:
             found = _fit_extended(prepared, options, limits, earlier)
@@ -255,11 +242,7 @@ def _fit_extended(
     line = line_through(*settled(earlier))
     known = None if several else (0.0 if line is None else line[0])
     fit = fit_extended(
-        prepared.record,
-        structure,
-        max_lag=prepared.max_lag,
-        limits=limits,
-        dead_command=known,
+        prepared.record, structure, max_lag=prepared.max_lag, limits=limits, dead_command=known
     )
     return Fitted(prepared, structure, fit, earlier)
 

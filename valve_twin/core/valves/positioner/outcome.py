@@ -11,11 +11,7 @@ import numpy as np
 
 from valve_twin.core.estimation.solvers.least_squares import gram_condition
 from valve_twin.core.prediction import fit_percent
-from valve_twin.core.types import (
-    Estimate,
-    ParameterStatus,
-    ParameterValue,
-)
+from valve_twin.core.types import Estimate, ParameterStatus, ParameterValue
 from valve_twin.core.valves.kit.intervals import half_width
 from valve_twin.core.valves.kit.outcome import (
     Evidence,

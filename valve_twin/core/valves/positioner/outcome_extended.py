@@ -17,12 +17,7 @@ from valve_twin.core.valves.positioner import extended as law
 from valve_twin.core.valves.positioner.curve import line_through, settled
 from valve_twin.core.valves.positioner.fit_extended import correlated_sigma
 from valve_twin.core.valves.positioner.outcome import Errors, derived
-from valve_twin.core.valves.positioner.parameters import (
-    CURVE,
-    ESTIMATOR,
-    FITTED,
-    SECOND_ORDER,
-)
+from valve_twin.core.valves.positioner.parameters import CURVE, ESTIMATOR, FITTED, SECOND_ORDER
 from valve_twin.core.valves.positioner.second_order import column, second_order
 
 if TYPE_CHECKING:

@@ -118,9 +118,7 @@ def _sensor(
     What drives a positioner is the distance to its command; it rests where the command does.
     """
     limits = MaskOptions(
-        lower_stop=options.lower_stop,
-        upper_stop=options.upper_stop,
-        max_lag=max_lag,
+        lower_stop=options.lower_stop, upper_stop=options.upper_stop, max_lag=max_lag
     )
     driven = replace(part, inputs=(command - position).reshape(-1, 1))
     masks = find_masks(driven, period_s, push=(1.0,), options=limits)

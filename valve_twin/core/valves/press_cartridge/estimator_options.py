@@ -70,10 +70,7 @@ def feature_options(options: PressCartridgeOptions) -> features.FeatureOptions:
 @_of_the_last
 def guard_options(options: PressCartridgeOptions) -> GuardOptions:
     """Return when a gain is refused."""
-    return GuardOptions(
-        active_command=options.active_command,
-        min_travel=options.min_travel,
-    )
+    return GuardOptions(active_command=options.active_command, min_travel=options.min_travel)
 
 
 def output_error_options(options: PressCartridgeOptions, lag: int) -> OutputErrorOptions:

@@ -100,11 +100,7 @@ class PressCartridgePlant(Plant):
         0.96, "1", "Area under supply pressure over the chamber area (A_T/A_B)", 0.05, 0.99
     )
     preload: float = quantity(
-        0.0,
-        "N",
-        "Closing force on the spindle beside that of the supply",
-        lower=-1e6,
-        upper=1e6,
+        0.0, "N", "Closing force on the spindle beside that of the supply", lower=-1e6, upper=1e6
     )
     resistance_in: float = quantity(
         1.0,
@@ -128,13 +124,7 @@ class PressCartridgePlant(Plant):
         1e-3, "m^3", "Chamber volume with the spindle closed (V0)", 1e-6, 1.0
     )
     step: float = quantity(
-        1e-4,
-        "s",
-        "Step of the integration",
-        lower=1e-6,
-        upper=1e-3,
-        assumed=True,
-        ages=False,
+        1e-4, "s", "Step of the integration", lower=1e-6, upper=1e-3, assumed=True, ages=False
     )
     plc: PlcConfig = field(default_factory=PlcConfig)
 
@@ -306,7 +296,5 @@ STRANGERS: Mapping[str, Mapping[str, object]] = MappingProxyType(
 def default_simulation() -> SimulationConfig:
     """Return the reference experiment: sensor delay 1, noise 1e-3, supply scatter 0.4 %."""
     return SimulationConfig(
-        plant=PressCartridgePlant(),
-        rearm_command=1,
-        scatter=(Scatter("supply_pressure", 0.004),),
+        plant=PressCartridgePlant(), rearm_command=1, scatter=(Scatter("supply_pressure", 0.004),)
     )

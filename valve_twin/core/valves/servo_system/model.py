@@ -50,11 +50,7 @@ from valve_twin.core.valves.servo_system.parameters import (
 )
 from valve_twin.core.valves.servo_system.plant import STRANGERS, default_simulation
 from valve_twin.core.valves.servo_system.plant_kernel import INPUTS
-from valve_twin.core.valves.servo_system.predictor import (
-    N_COEFFICIENTS,
-    STATE_SIZE,
-    predict_block,
-)
+from valve_twin.core.valves.servo_system.predictor import N_COEFFICIENTS, STATE_SIZE, predict_block
 from valve_twin.core.valves.servo_system.record import Record, excitation_of, take_record
 
 if TYPE_CHECKING:

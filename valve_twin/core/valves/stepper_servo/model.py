@@ -13,11 +13,7 @@ from valve_twin.core.diagnosis.generic.features import feature_set
 from valve_twin.core.estimation.recursive.estimator import Adaptation, Structure, project_stable
 from valve_twin.core.estimation.solvers.least_squares import gram_condition
 from valve_twin.core.refusal import Refusal, RefusalCode
-from valve_twin.core.types import (
-    Estimate,
-    EstimateStatus,
-    MaskCounts,
-)
+from valve_twin.core.types import Estimate, EstimateStatus, MaskCounts
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.moved import with_tolerances
 from valve_twin.core.valves.kit.outcome import Evidence, conclude, refuse, unexcited, withheld

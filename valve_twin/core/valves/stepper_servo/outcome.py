@@ -146,10 +146,7 @@ def _thread(
         lost = [*_unknown(THREAD[1:3], reason)]
     else:
         share = float(p[LOST])
-        lost = [
-            ParameterValue(THREAD[1], share),
-            ParameterValue(THREAD[2], share * fit.up / step),
-        ]
+        lost = [ParameterValue(THREAD[1], share), ParameterValue(THREAD[2], share * fit.up / step)]
     return [backlash, *lost, offset, delay]
 
 

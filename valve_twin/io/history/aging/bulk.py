@@ -22,12 +22,7 @@ from valve_twin.core.diagnosis.features import MOTION
 from valve_twin.core.past.block import Block
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import EstimateStatus, ParameterStatus
-from valve_twin.io.history.tables import (
-    NOT_FINITE,
-    decode_guards,
-    number_of,
-    row_estimate,
-)
+from valve_twin.io.history.tables import NOT_FINITE, decode_guards, number_of, row_estimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

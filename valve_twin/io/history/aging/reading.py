@@ -25,11 +25,7 @@ from valve_twin.core.refusal import RefusalCode
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.aging.bulk import add_rows
 from valve_twin.io.history.aging.file import Known, load, origin_of, pack, write
-from valve_twin.io.history.tables import (
-    CHECK_SUM,
-    ESTIMATE,
-    MAINTENANCE,
-)
+from valve_twin.io.history.tables import CHECK_SUM, ESTIMATE, MAINTENANCE
 from valve_twin.io.history.tiers.reading import (
     LAST_PLACE,
     begun_state,

@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from valve_twin.core.past.condensate import DAY_S, Condensate, Condensed
 from valve_twin.core.past.state import AgingState
-from valve_twin.io.history.tables import (
-    CONDENSATE,
-    CONDENSED,
-    ESTIMATE,
-    from_row,
-    row_estimate,
-)
+from valve_twin.io.history.tables import CONDENSATE, CONDENSED, ESTIMATE, from_row, row_estimate
 from valve_twin.io.history.tiers.state import text_state
 from valve_twin.io.history.valves.names import of_valve
 

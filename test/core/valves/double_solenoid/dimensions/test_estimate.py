@@ -74,10 +74,7 @@ def named(estimate):
 
 
 @pytest.mark.no_cover
-@pytest.mark.parametrize(
-    ("name", "size"),
-    [("gap_b", 0.06), ("rim_a", 0.2), ("turns_a", 0.03)],
-)
+@pytest.mark.parametrize(("name", "size"), [("gap_b", 0.06), ("rim_a", 0.2), ("turns_a", 0.03)])
 def test_the_worn_dimension_is_named(solenoid, new, name, size):
     found = later(new, solenoid.worn(name, size), 2)
     told = found[ESTIMATOR]

@@ -15,11 +15,7 @@ from valve_twin.core.valves.double_solenoid.dimensions.judge import (
     leftovers,
     weights_of,
 )
-from valve_twin.core.valves.double_solenoid.dimensions.published import (
-    COMPANIONS,
-    FREE,
-    causes_of,
-)
+from valve_twin.core.valves.double_solenoid.dimensions.published import COMPANIONS, FREE, causes_of
 
 NAMES = ("gap_a", "gap_b", "turns_a")
 CAUSES = causes_of(NAMES)

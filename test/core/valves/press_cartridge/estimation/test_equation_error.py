@@ -21,10 +21,7 @@ from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
     fit_equation_error,
     parse_estimator,
 )
-from valve_twin.core.valves.press_cartridge.estimation.regression import (
-    design,
-    usable_rows,
-)
+from valve_twin.core.valves.press_cartridge.estimation.regression import design, usable_rows
 from valve_twin.core.valves.press_cartridge.plant import default_simulation
 
 PERIOD_S = 0.03
@@ -162,10 +159,7 @@ def test_aging_moves_theta_2_as_in_the_reference_experiment(seeds):
 
 @pytest.mark.parametrize(
     ("column", "low", "high"),
-    [
-        (0, (0.1, 0.0, 0.1), (0.6, 0.3, 0.6)),
-        (1, (0.2, 0.5, 1.5), (1.8, 2.2, 9.5)),
-    ],
+    [(0, (0.1, 0.0, 0.1), (0.6, 0.3, 0.6)), (1, (0.2, 0.5, 1.5), (1.8, 2.2, 9.5))],
 )
 def test_command_offsets_cost_what_the_paper_says(plant_cycles, column, low, high):
     changes = []

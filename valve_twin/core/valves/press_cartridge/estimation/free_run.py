@@ -160,11 +160,7 @@ class Solution:
 
 
 def lay_out(
-    frames: Frames,
-    masks: Masks,
-    period_s: float,
-    noise_sigma: float,
-    options: OutputErrorOptions,
+    frames: Frames, masks: Masks, period_s: float, noise_sigma: float, options: OutputErrorOptions
 ) -> Run:
     """Put the samples on a grid of whole periods; missing ones have no weight, commands hold.
 

@@ -155,11 +155,7 @@ class PreparedCycle:
 
 
 def prepare_cycle(
-    frames: Frames,
-    masks: Masks,
-    period_s: float,
-    noise_sigma: float,
-    options: OutputErrorOptions,
+    frames: Frames, masks: Masks, period_s: float, noise_sigma: float, options: OutputErrorOptions
 ) -> PreparedCycle | str:
     """Lay a cycle out and find what of it can be identified, or why nothing can.
 

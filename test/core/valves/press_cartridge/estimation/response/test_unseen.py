@@ -79,9 +79,7 @@ def test_limits_of_the_leak_hold_it_where_the_sensor_has_few_bits():
     """Without the step 1 of 16 did."""
     given = MODEL.simulation()
     config = replace(
-        given,
-        measurement=replace(given.measurement, noise=1e-5, quantum=1.12 / 256),
-        scatter=(),
+        given, measurement=replace(given.measurement, noise=1e-5, quantum=1.12 / 256), scatter=()
     )
     leak = MODEL.truth(config, config.first_cycle)["leak"]
     options = complete_options(MODEL, {"estimators": ("output_error", "kalman")})

@@ -182,12 +182,7 @@ def choose_timing(
     return own if together - alone > _DECIDES else pooled
 
 
-def _value(
-    data: Stretch,
-    columns: BoolArray,
-    options: OutputErrorOptions,
-    pole: float,
-) -> float:
+def _value(data: Stretch, columns: BoolArray, options: OutputErrorOptions, pole: float) -> float:
     """Return minus twice the log likelihood."""
     p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
     return pole_likelihood(data, options.v_max, options.wander, columns, pole, p, gram)
