@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from valve_twin.cli import main
 from valve_twin.core.valves.registry import DEFAULT_MODEL, model_names
 from valve_twin.demo.cases import case_names
 
@@ -37,21 +38,23 @@ def test_every_command_is_of_a_kind_that_is_checked():
     assert len(OFFLINE) >= 4
 
 
-def test_the_offline_commands_run_in_their_order(tmp_path):
-    """As a reader types them; only the folder for results is another one."""
-    for command in OFFLINE:
+def test_the_offline_commands_run_in_their_order(tmp_path, monkeypatch, capsys):
+    """As a reader types them: the first in processes of its own, as all of them start.
+
+    Only the folder for results is another one.
+    """
+    monkeypatch.chdir(ROOT)
+    for count, command in enumerate(OFFLINE):
         assert "/tmp/" in command
         adapted = command.replace("/tmp/", f"{tmp_path}/")
-        done = subprocess.run(
-            shlex.split(adapted),
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
-        assert done.returncode == 0, f"{command}\n{done.stderr}"
-        assert "Traceback" not in done.stderr
+        words = shlex.split(adapted)
+        if count == 0:
+            done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
+            code, said = done.returncode, done.stderr
+        else:
+            code, said = main(words[2:]), capsys.readouterr().err
+        assert code == 0, f"{command}\n{said}"
+        assert "Traceback" not in said
         for result in re.findall(r"--(?:out|json) (\S+)", adapted):
             assert Path(result).exists(), command
 
