@@ -15,9 +15,12 @@ from valve_twin.core.types import Cycle, ParameterStatus, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.press_cartridge.estimation.free_run import (
     OutputErrorOptions,
+    acting_command,
     find_phases,
     lay_out,
 )
+from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import pole_likelihood
+from valve_twin.core.valves.press_cartridge.estimation.response import unseen
 from valve_twin.core.valves.press_cartridge.estimation.response.accuracy import (
     scatter_halves,
     with_limits,
@@ -50,6 +53,22 @@ def spread_of_outflow(run):
 def test_the_time_is_known_as_well_as_the_noise_lets_it():
     quiet, noisy = spread_of_outflow(run_of(1e-5)), spread_of_outflow(run_of(3e-3))
     assert noisy > 5.0 * quiet
+
+
+@pytest.mark.parametrize("count", [1, 5, 8, 11])
+@pytest.mark.parametrize("sigma", [1e-5, 1e-3])
+def test_fits_of_several_delays_at_once_are_those_of_one_pass_each(sigma, count):
+    run, pole, delays = run_of(sigma), 0.2, np.linspace(0.4, 3.1, count)
+    freed = free_jumps(run, find_phases(run, 2.0, OPTIONS), OPTIONS)
+    data, limits = freed.stretch(run.position, run.use), (OPTIONS.v_max, OPTIONS.wander)
+    likelihood, linear = unseen._fit_each(data, run.v_in, run.v_out, delays, *limits, ALL, pole)
+    for k, delay in enumerate(delays.tolist()):
+        p, gram = np.zeros(5), np.zeros((7, 7))
+        late = [acting_command(v, delay) for v in (run.v_in, run.v_out)]
+        own = data._replace(v_in=late[0], v_out=late[1])
+        alone = pole_likelihood(own, *limits, ALL, pole, p, gram)
+        assert likelihood[k] == pytest.approx(alone, rel=1e-9)
+        np.testing.assert_allclose(linear[k], p, rtol=1e-7, atol=1e-12)
 
 
 def test_the_level_is_free_behind_a_command_that_jumps_off_the_seats():

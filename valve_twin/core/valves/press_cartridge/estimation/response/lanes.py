@@ -36,6 +36,7 @@ _IN, _OUT, _BY_IN, _BY_OUT = 464, 472, 480, 488
 SIZE = 496
 """Length of the work array."""
 
+_LATE = 6  # row of the delay in the normal equations
 _FREE, _USE, _MOVING = 1, 2, 4
 _OFTEN = 8  # samples until a product of weights becomes a logarithm
 
@@ -183,3 +184,25 @@ def run_lanes(  # noqa: PLR0912, PLR0915  a loop is a vector only where all stan
     for i in range(LANES):
         w[GRAM + 280 + i] = squares
     return log_determinant - np.log(product), rows
+
+
+@njit(cache=True)
+def read_lane(w: FloatArray, lane: int, gram: FloatArray) -> None:
+    """Write the normal equations of one run, without those of the delay.
+
+    Parameters
+    ----------
+    w : (SIZE,) array
+        As `run_lanes` leaves it [1].
+    lane : int
+        Which run [1].
+    gram : (7, 7) array
+        Overwritten, as that of `accumulate` [1].
+    """
+    at = GRAM + lane
+    for j in range(len(gram) + 1):
+        for k in range(j + 1):
+            if _LATE not in (j, k):
+                row, column = j - (j > _LATE), k - (k > _LATE)
+                gram[row, column] = gram[column, row] = w[at]
+            at += LANES

@@ -22,9 +22,17 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_COLUMNS,
     N_LINEAR,
     Stretch,
-    pole_likelihood,
+    sample_flags,
+    solve_positive,
 )
-from valve_twin.core.valves.press_cartridge.estimation.response.phases import delayed
+from valve_twin.core.valves.press_cartridge.estimation.response.lanes import (
+    DELAY,
+    POLE,
+    SIZE,
+    read_lane,
+    run_lanes,
+)
+from valve_twin.core.valves.press_cartridge.estimation.solvers.lanes import LANES
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
@@ -185,18 +193,19 @@ def _fit_each(
     columns: BoolArray,
     pole: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Fit with the commands let act after each of the delays."""
+    """Fit with the commands let act after each of the delays, eight at once."""
     likelihood, linear = np.empty(len(delays)), np.zeros((len(delays), N_LINEAR))
-    for i in range(len(delays)):
-        late = Stretch(
-            data.y,
-            data.use,
-            data.free,
-            data.anchor,
-            data.moving,
-            delayed(v_in, delays[i]),
-            delayed(v_out, delays[i]),
+    flags, gram, work = sample_flags(data), np.empty((N_COLUMNS, N_COLUMNS)), np.zeros(SIZE)
+    work[POLE : POLE + LANES] = pole
+    for first in range(0, len(delays), LANES):
+        for i in range(LANES):
+            work[DELAY + i] = delays[min(first + i, len(delays) - 1)]
+        log_determinant, rows = run_lanes(
+            data.y, flags, data.anchor, v_in, v_out, v_max, wander, work
         )
-        gram = np.zeros((N_COLUMNS, N_COLUMNS))
-        likelihood[i] = pole_likelihood(late, v_max, wander, columns, pole, linear[i], gram)
+        for i in range(min(LANES, len(delays) - first)):
+            read_lane(work, i, gram)
+            cost = max(solve_positive(gram, columns, linear[first + i]), 1e-300)
+            value = max(rows, 1) * np.log(cost / max(rows, 1))
+            likelihood[first + i] = value + log_determinant
     return likelihood, linear
