@@ -9,8 +9,11 @@ import pytest
 
 from test.gateway.fmu.test_valve import made, record
 from valve_twin.cli.main import main
+from valve_twin.core.diagnosis.generic import signatures
 from valve_twin.core.diagnosis.generic.campaign import model_rig
+from valve_twin.core.diagnosis.source import read_table
 from valve_twin.core.types import ParameterValue
+from valve_twin.core.valves.registry import get_model
 from valve_twin.gateway.fmu.export import write_fmu
 from valve_twin.gateway.fmu.valve import valve_of
 from valve_twin.io.fmu.plant import simulation_for
@@ -142,3 +145,15 @@ def test_its_variables_are_named_where_they_have_other_names(fmu, capsys):
     assert "did you mean 'position'" in capsys.readouterr().err
     assert main([*arguments, "--fmu-input", "comand"]) == 2
     assert "did you mean 'command'" in capsys.readouterr().err
+
+
+def test_derived_signatures_are_a_file_that_a_valve_ships(tmp_path, monkeypatch):
+    table = get_model("press_cartridge").signatures()
+    monkeypatch.setattr(signatures, "derive_table", lambda _model: table)
+    package = tmp_path / "a_shipping_valve"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    made_of = ["campaign", "--model", "first_order", "--derive", str(package / "signatures.json")]
+    assert main(made_of) == 0
+    monkeypatch.syspath_prepend(tmp_path)
+    assert read_table("a_shipping_valve") == table
