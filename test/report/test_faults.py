@@ -39,6 +39,14 @@ def test_a_fault_stands_with_part_size_and_onset(told):
     assert "lasts" in section
 
 
+def test_an_end_that_nothing_tells_is_not_dated(told):
+    (leak,) = told["leak"].findings
+    unseen = replace(told["leak"], findings=(replace(leak, end=66, end_seen=False),))
+    section = render_report(page(unseen)).split("<h2>Sudden faults</h2>")[1].split("</section>")[0]
+    assert "<td>not known</td>" in section
+    assert "<td>66</td>" not in section
+
+
 def test_no_fault_is_said(told):
     assert "None in 68 cycles" in render_report(page(told["none"]))
 

@@ -87,9 +87,16 @@ def _row(finding: Finding) -> list[str]:
         size,
         str(finding.onset),
         str(finding.alarm),
-        str(finding.end) if finding.end >= 0 else "lasts",
+        _end(finding),
         others or NONE,
     ]
+
+
+def _end(finding: Finding) -> str:
+    """Return the cycle in which a fault was seen to be over, or why there is none."""
+    if not finding.end_seen:
+        return "not known"
+    return str(finding.end) if finding.end >= 0 else "lasts"
 
 
 def operation_section(

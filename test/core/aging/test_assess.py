@@ -377,6 +377,19 @@ def test_refused_values_count_on_the_axis_only(history, scatter):
     assert both.trends[0].status is TrendStatus.STEADY
 
 
+def test_what_remains_counts_from_the_newest_cycle_with_or_without_an_estimate(history, scatter):
+    estimates = history(K_in=aging(scatter))
+    refused = [replace(e, status=EstimateStatus.REFUSED) for e in estimates[-6:]]
+    before = trend_of(estimates[:-6])
+    config = replace(CONFIG, next_stop=repr(before.remaining_median - 6.0))
+    now = trend_of([*estimates[:-6], *refused], config=config)
+    assert (now.samples, now.level) == (before.samples, before.level)
+    for name in ("remaining_low", "remaining_median", "remaining_high"):
+        assert getattr(now, name) == pytest.approx(getattr(before, name) - 6.0, abs=0.02)
+    assert now.service_date_ns == pytest.approx(before.service_date_ns, abs=10**9)
+    assert now.next_stop_probability == pytest.approx(0.5, abs=0.01)
+
+
 def test_odd_values_are_answered_without_a_fault(history):
     rng = np.random.default_rng(0)
     oddities = (

@@ -11,6 +11,7 @@ from valve_twin.core.aging import AgingConfig, assess
 from valve_twin.core.aging.config import Axis, Threshold
 from valve_twin.core.aging.products import same_product
 from valve_twin.core.aging.series import order_history, series_of
+from valve_twin.core.aging.verdict import TrendStatus
 from valve_twin.core.diagnosis.changes.finding import CLOCK, Diagnosis, Finding
 from valve_twin.core.types import Condition, Estimate, EstimateStatus, Parameter, ParameterValue
 
@@ -36,8 +37,8 @@ def made(product, *, drift=0.0, step=0.0, seed=0, pauses=(), limits=np.nan):
             GAIN.name,
             value,
             standard_error=SCATTER,
-            lower_95=value - limits,
-            upper_95=value + limits,
+            lower_95=value - limits * (1.0 + step * which),
+            upper_95=value + limits * (1.0 + step * which),
         )
         found.append(
             Estimate(
@@ -98,6 +99,15 @@ def test_a_change_once_costs_certainty_and_products_in_turn_do_not():
         widths.append(trend.slope_upper_95 - trend.slope_lower_95)
     assert widths[1] < 1.15 * widths[0]
     assert widths[2] > 1.3 * widths[0]
+
+
+def test_products_in_turn_may_differ_by_much():
+    """A leak was 22 times as large in every second cycle, and a factor was 5 at most."""
+    for cycles in (CYCLES - 1, CYCLES):
+        trend = said(made(IN_TURN, step=20.0, limits=0.02)[:cycles])
+        assert abs(trend.drift_reference) < 1.0
+        assert trend.drift_reference_upper_95 - trend.drift_reference_lower_95 < 5.0
+        assert trend.status is TrendStatus.STEADY
 
 
 def test_one_product_with_pauses_is_left_as_it_is():

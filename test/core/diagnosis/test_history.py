@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis.direct.bounds import WEAK_SMALL
+from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED
 from valve_twin.core.diagnosis.features import ESTIMATOR, NOISE
 from valve_twin.core.diagnosis.generic.reference import _PREFIX
 from valve_twin.core.diagnosis.generic.rig import ModelRig
@@ -141,12 +142,22 @@ def test_what_no_sound_valve_shows_is_told_of_the_newest_cycle(value, told):
     assert not diagnose([*history, estimate(31, noise=1e-4)], ()).odd
 
 
+def test_one_value_that_repeats_is_told_of_no_cycle():
+    history = [estimate(c, noise=1e-4) for c in range(1, 31)]
+    once = (ParameterValue(MISSED, 1.0), ParameterValue(DUE, 200.0))
+    history[-1] = replace(history[-1], parameters=(*history[-1].parameters, *once))
+    found = diagnose(history, ())
+    assert not found.findings
+    assert not found.odd
+
+
 @pytest.mark.parametrize("fault", ["leak", "coil_resistance"])
 def test_maintenance_ends_a_fault_of_a_product_that_is_not_made_any_more(fault):
     history = changed_product(fault, which=1)
     before = diagnose(history, ())
     assert [f.fault for f in before.findings] == [fault]
     assert "mark maintenance" in before.doubt
+    assert not before.findings[0].end_seen
     for mark, end in ((43, 43), (50, before.findings[0].end)):  # 45: no longer told by then
         found = diagnose(history, [Maintenance(0, mark, "")])
         assert [(f.onset, f.end) for f in found.findings] == [(31, end)]

@@ -5,7 +5,13 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.diagnosis.products import clocks_apart, products, without_slips
+from valve_twin.core.diagnosis.products import (
+    MADE,
+    clocks_apart,
+    last_left,
+    products,
+    without_slips,
+)
 
 CYCLES = np.arange(1, 41)
 START_S = 12.0 * np.arange(40.0)
@@ -114,3 +120,13 @@ def test_a_delay_that_jumps_in_every_cycle_keeps_its_scatter(table):
     turns = 0.03 * (CYCLES % 2)
     column = without_slips(delays(table, 0.0, turns), table)[:, table.features.index("delay_out")]
     assert np.std(column[10:]) > 5e-3
+
+
+def test_a_product_is_left_where_others_are_made_for_long():
+    product = np.array([0] * 12 + [1] * MADE + [-1] + [0] * 3 + [1] * (MADE - 1))
+    cycles = np.arange(1, len(product) + 1)
+    assert last_left(cycles, product, 0) == 12
+    assert last_left(cycles[: 11 + MADE], product[: 11 + MADE], 0) == -1
+    assert last_left(cycles, product, 1) == -1
+    in_turn = np.arange(40) % 2
+    assert last_left(np.arange(40), in_turn, 1) == -1

@@ -9,7 +9,7 @@ what one says that has been running all the time. Times are the data's own; no c
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -121,6 +121,13 @@ class TrendDetail:
     starts: IntArray
     lines: tuple[Line | None, ...]
     laws: LawFit | None = None
+
+
+class _Now(NamedTuple):
+    """Position [axis unit] and stamp [ns] of the newest cycle, whether it gave a value or not."""
+
+    axis: float
+    stamp_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,7 +247,7 @@ def _assess_parameter(
     )
     series, effects = without_conditions(series, rows, maintenance, config, memory)
     series, changed = same_product(
-        series, rows, maintenance, config, numbers=numbers, memory=memory
+        series, rows, maintenance, config, parameter=name, numbers=numbers, memory=memory
     )
     pieces = cut(series, maintenance, config, memory)
     series = altered(series, values=series.values - pieces.wave)
@@ -255,8 +262,18 @@ def _assess_parameter(
     if len(history.axis) > 1:
         ends = rows.end_ns[-config.rate_cycles :]
         trend = altered(trend, cycle_rate=axis_rate(history.axis, ends, len(ends)))
+    now = _Now(float(history.axis[-1]), int(rows.end_ns[-1]))
     trend, laws = _judge(
-        trend, series, pieces, parts, lines, maintenance, config, confidence, parameter.resolution
+        trend,
+        series,
+        pieces,
+        parts,
+        lines,
+        maintenance,
+        config,
+        confidence,
+        parameter.resolution,
+        now,
     )
     caveats = _caveats(series, pieces, config) + describe_effects(effects) + changed
     caveats += f" ({config.label})" if config.label else ""
@@ -294,6 +311,7 @@ def _judge(
     config: AgingConfig,
     confidence: float,
     resolution: float,
+    now: _Now,
 ) -> tuple[Trend, LawFit | None]:
     line = lines[-1]
     begun = len(pieces.starts) == 1 or bool(pieces.forced[-1])
@@ -325,10 +343,11 @@ def _judge(
         confidence=confidence,
         held=held.alarm,
         warned=held.warning,
+        now=now.axis,
     )
     drifting = line.p_value < config.significance
     trend = altered(
-        with_life(trend, limit),
+        with_life(trend, limit, now.stamp_ns),
         share_lost=max((x.share for x in lost), default=_NAN),
         status=TrendStatus.DRIFTING if drifting else TrendStatus.STEADY,
     )
@@ -340,7 +359,8 @@ def _judge(
     within_doubt = limit.beyond or (trend.remaining_low < SOON and not trend.p_value < CERTAIN)
     if within_doubt and not concern(trend, config):
         trend = without_forecast(trend)  # it may be reached now, and is not beyond doubt
-    stop = stop_probability(trend, limit, straight, config, own=len(reference.weights) > 0)
+    own = len(reference.weights) > 0
+    stop = stop_probability(trend, limit, straight, config, own=own, stamp_ns=now.stamp_ns)
     trend = altered(trend, next_stop_probability=stop)
     return altered(trend, reason=_reason(trend)), present.fit
 

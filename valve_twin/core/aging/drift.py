@@ -324,6 +324,7 @@ def nearest_limit(
     confidence: float = 0.95,
     held: Sequence[Threshold] = (),
     warned: Sequence[Threshold] = (),
+    now: float,
 ) -> Limit:
     """Return the threshold that counts: passed, else warned of, else soonest, else nearest.
 
@@ -341,12 +342,13 @@ def nearest_limit(
         That of the limits of what remains [1].
     held, warned : sequence of Threshold
         Those that count as passed, and those whose warning limit does (`core.aging.limits`).
+    now : float
+        Position of the newest cycle, with a value or without, from which that counts [axis unit].
     """
     wanted = wanted_limits(config, trend.parameter)
     known = _known_of(present.fit, reference) if wanted else None
-    limits = [
-        (t, _life_to(t, trend, present, reference, confidence, known)) for t in wanted if known
-    ]
+    given = (trend, present, reference, confidence)
+    limits = [(t, _life_to(t, *given, known, now)) for t in wanted if known]
     usable = [
         (
             t in warned,
@@ -410,6 +412,7 @@ def _life_to(
     reference: Reference,
     confidence: float,
     known: _Known,
+    now: float,
 ) -> Limit:
     """Return one threshold and what remains to it; a relative one shares the reference's doubt."""
     if threshold.relative:
@@ -428,7 +431,7 @@ def _life_to(
     shared = known.level - 2.0 * scale * known.level_reference
     approach = Approach(
         fit=fit,
-        now=trend.axis_value,
+        now=now,
         gap=toward * (fit.level - value),
         change=toward * fit.change,
         var_gap=shared + scale**2 * reference.variance + moved**2,

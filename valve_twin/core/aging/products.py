@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging.cutting.memory import Memory
-from valve_twin.core.aging.series import Series, cut, events_at, part_of
+from valve_twin.core.aging.series import Series, cut, events_at, part_of, systematic_of
 from valve_twin.core.aging.trend import MAX_FACTOR
 from valve_twin.core.diagnosis.products import products
 from valve_twin.core.estimation.data.robust import MAD_SCALE
@@ -46,6 +46,7 @@ def same_product(
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
     *,
+    parameter: str = "",
     numbers: IntArray | None = None,
     memory: Memory | None = None,
 ) -> tuple[Series, str]:
@@ -62,6 +63,8 @@ def same_product(
     config : AgingConfig
         Rules of the pieces. Nothing is done where conditions are configured, or cycles differ in
         something else than age.
+    parameter : str
+        Its name, by which what is wrong in all values alike is brought to that level, too.
     numbers : (M,) int64 array, optional
         The `product_numbers` of the rows.
     memory : Memory, optional
@@ -105,10 +108,14 @@ def same_product(
     factors = memory.of(
         "products", parts, lambda: _factors(head, columns, maintenance, config, memory)
     )
-    cleared = series.values / (1.0 + offsets @ (factors - 1.0))
+    level = 1.0 + offsets @ (factors - 1.0)
     told = ", ".join(f"{100.0 * (f - 1.0):+.1f} %" for f in factors)
     what = f"; the level of another product taken out ({told})"
-    return replace(series, values=cleared, offsets=offsets), what
+    wrong = series.systematic
+    if parameter:
+        wrong = systematic_of(rows, parameter, series.rows_in(rows), 1.0 / level)
+    cleared = series.values / level
+    return replace(series, values=cleared, offsets=offsets, systematic=wrong), what
 
 
 def product_numbers(rows: Rows) -> IntArray:

@@ -232,16 +232,30 @@ def series_of(history: History, parameter: str) -> Series:
         start_ns=rows.start_ns[part],
         end_ns=rows.end_ns[part],
         unknown=unknown,
-        systematic=_systematic(rows, parameter, part),
+        systematic=systematic_of(rows, parameter, part),
         row=index,
     )
 
 
-def _systematic(rows: Rows, parameter: str, part: IntArray | slice) -> float:
-    """Return what the limits of the values hold beyond their repeatability [unit]."""
+def systematic_of(
+    rows: Rows, parameter: str, part: IntArray | slice, scale: FloatArray | float = 1.0
+) -> float:
+    """Return what the limits of some values hold beyond their repeatability [unit].
+
+    Parameters
+    ----------
+    rows : Rows
+        The estimates.
+    parameter : str
+        Whose values count.
+    part : (M,) int64 array or slice
+        Which of the estimates do.
+    scale : (M,) array or float
+        What each value is multiplied with [1].
+    """
     if parameter not in rows.parameters:
         return 0.0
-    found = rows.parameters[parameter].spread[part]
+    found = rows.parameters[parameter].spread[part] * scale**2
     known = np.isfinite(found)
     found = found if known.all() else found[known]
     if not len(found):

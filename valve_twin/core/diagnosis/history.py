@@ -22,7 +22,7 @@ from valve_twin.core.diagnosis.generic.naming import explained_in, renamed
 from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
 from valve_twin.core.diagnosis.given.judged import judged, without_first
-from valve_twin.core.diagnosis.products import clocks_apart, products
+from valve_twin.core.diagnosis.products import MADE, clocks_apart, last_left, products
 from valve_twin.core.diagnosis.reference import YET, doubt_of, doubt_of_step, measure, unnamed
 from valve_twin.core.diagnosis.refused import still, with_still
 from valve_twin.core.diagnosis.table import BY_NAME
@@ -46,9 +46,6 @@ _WEAK = "dead_band"
 _NEAR = 5
 """Cycles behind one whose signals cannot be what is configured in which nothing is said of noise:
 where clocks slip, a position is not at rest when the commands are (assumed)."""
-
-_LATELY = 8
-"""Newest cycles whose products must all have a reference: recipes may alternate."""
 
 
 def diagnose(
@@ -159,8 +156,8 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
     since = int(np.searchsorted(cycles, max(restarts, default=0)))
     anew = max(restarts, default=0) > settled.judged
     first = anew or past.settled is None
-    lately = product[product >= 0][-_LATELY:].tolist()
-    compared: list[tuple[IntArray, FloatArray, bool]] = []
+    lately = product[product >= 0][-MADE:].tolist()
+    compared: list[tuple[IntArray, FloatArray, int]] = []
     for number, own in _rows_of(product):
         of = known.of(number)
         steady = of.slips.taken_out(vectors[own], table)
@@ -194,7 +191,11 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
                 config,
                 others=None if any_valve else _others(vectors, product, number, config),
             )
-        compared += [(cycles[own], steady, number in lately)] if first and not any_valve else []
+        compared += (
+            [(cycles[own], steady, last_left(cycles, product, number))]
+            if first and not any_valve
+            else []
+        )
     known_since = slice(since, None)
     doubt = doubt or doubt_across(
         cycles[known_since], vectors[known_since], product[known_since], model.feature_set
@@ -235,7 +236,7 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
         doubt,
         far,
         newest,
-        odd="" if any_valve else _odd(shown),
+        odd="" if any_valve else bounds.odd(shown),
     )
     return Searched(diagnosis, stopped, tuple(f for f in direct if f in diagnosis.findings))
 
@@ -302,8 +303,8 @@ def _elsewhere(
         f"its product was last made in cycle {then.last}, and nothing tells whether it is still "
         "there: make that product again, or mark maintenance"
     )
-    over = replace(finding, end=then.seen)
-    return over, doubt if then.state is Elsewhere.UNKNOWN else ""
+    seen = then.state is Elsewhere.OVER
+    return replace(finding, end=then.seen, end_seen=seen), "" if seen else doubt
 
 
 def _marked(
@@ -313,8 +314,8 @@ def _marked(
     mark = _until_maintained(finding, cycles, restarts).end
     if finding.end >= 0 or mark < 0:
         return then
-    end = then[0].end
-    return replace(finding, end=min(end, mark) if end >= 0 else mark), ""
+    over = 0 <= then[0].end < mark
+    return then[0] if over else replace(finding, end=mark), ""
 
 
 def _text(finding: Finding) -> str:
@@ -325,22 +326,22 @@ def _text(finding: Finding) -> str:
 
 def _with_steps(
     doubt: str,
-    products: Sequence[tuple[IntArray, FloatArray, bool]],
+    products: Sequence[tuple[IntArray, FloatArray, int]],
     findings: Sequence[Finding],
     restarts: Sequence[int],
     table: SignatureTable,
 ) -> str:
     """Return a doubt, or that the cycles of a product hold a step that no fault explains.
 
-    Of the `products` each is told whether it is made: a step of one that was made before it may
+    Of the `products` each is told where it was left for others: a step in its last cycles may
     have come to stay, and the others know only what came after it.
     """
     if doubt and not doubt.startswith(YET):  # which a stored reference may take back
         return doubt
     since = max(restarts, default=0)
-    for cycles, vectors, made in products:
+    for cycles, vectors, left in products:
         rows = unnamed(cycles, findings, since)
-        if why := doubt_of_step(cycles, vectors, table, rows=rows, made=made):
+        if why := doubt_of_step(cycles, vectors, table, rows=rows, left=left):
             return why
     return doubt
 
@@ -386,16 +387,6 @@ def _once_a_cycle(shown: Rows) -> Rows:
 def _direct_values(shown: Rows) -> FloatArray:
     """Return what shows faults without a signature, (N, 5)."""
     return np.column_stack([shown.value(n) for n in _DIRECT])
-
-
-def _odd(shown: Rows) -> str:
-    """Return what the newest cycle shows that no sound valve does, or ""."""
-    newest = shown.take(np.array([len(shown) - 1]))
-    faults = ("", "sensor_freeze", "", "sensor_offset", _WEAK)
-    values = zip(faults, np.nan_to_num(_direct_values(newest)[0]).tolist(), strict=True)
-    name = next((fault for fault, value in values if fault and value != 0.0), "")
-    what = f"cycle {int(newest.cycle[0])} shows what no sound valve does"
-    return f"{what} ({BY_NAME[name].text})" if name else ""
 
 
 def _until_over(finding: Finding, cycles: IntArray, values: FloatArray, judged: int) -> Finding:

@@ -37,6 +37,9 @@ _ODD = 0.3
 _PAUSED = 1.5
 """Times the median duration from which on a cycle has a pause, which tells no product [1]."""
 
+MADE = 8
+"""Newest cycles whose products count as made: recipes may alternate."""
+
 _RECENT = 8
 _SLIP_S = (0.012, 0.06)
 """Jumps of a delay that a sample more or less can make, for periods of 20-40 ms, assumed [s]."""
@@ -129,6 +132,25 @@ def _wider_beside(ranked: FloatArray, apart: BoolArray) -> FloatArray:
     first, last = np.append(0, edges + 1), np.append(edges, len(ranked) - 1)
     width = ranked[last] - ranked[first]
     return np.asarray(np.maximum(width[:-1], width[1:]), dtype=np.float64)
+
+
+def last_left(cycles: IntArray, product: IntArray, number: int) -> int:
+    """Return the newest cycle of a product behind which others were made for long, -1 = none.
+
+    Parameters
+    ----------
+    cycles : (N,) int64 array
+        Cycle numbers, rising.
+    product : (N,) int64 array
+        What each makes, -1 = not known [1].
+    number : int
+        Number of the product.
+    """
+    known = product >= 0
+    own = np.flatnonzero(product[known] == number)
+    others = np.diff(np.append(own, np.count_nonzero(known))) - 1
+    left = own[others >= MADE]
+    return int(cycles[known][left[-1]]) if len(left) else -1
 
 
 def without_slips(vectors: FloatArray, table: SignatureTable) -> FloatArray:

@@ -168,7 +168,7 @@ def doubt_of_step(
     config: DetectionConfig | None = None,
     *,
     rows: IntArray | None = None,
-    made: bool = True,
+    left: int = -1,
 ) -> str:
     """Return that the cycles of one product hold a step that raised no alarm, or "".
 
@@ -189,9 +189,9 @@ def doubt_of_step(
         When to speak.
     rows : (M,) int array, optional
         Those that count, see `unnamed`: what lies behind others is no step of one cycle.
-    made : bool
-        Whether the product is made: of one that is not, no more cycles will come, so that fewer
-        must do.
+    left : int
+        Number of the newest cycle behind which others were made for long, -1 = none: when no more
+        come fewer must do, and what was told then stays when the product is made again.
 
     Returns
     -------
@@ -202,7 +202,10 @@ def doubt_of_step(
     rows = np.arange(len(cycles)) if rows is None else rows
     most = min(len(rows), config.learn + config.recent)
     behind = (np.flatnonzero(np.diff(rows) > 1) + 1).tolist()
-    for count in range(config.settled if made else _FEW, most + 1):
+    few = int(np.searchsorted(cycles[rows], left, side="right"))
+    for count in range(_FEW, most + 1):
+        if few < count < config.settled:
+            continue
         apart = tuple(k for k in behind if k < count)
         first = _stepped(vectors[rows[:count]], table, config, apart)
         if first:

@@ -90,7 +90,7 @@ def past_limit(trend: Trend, *, held: bool) -> Trend:
     return altered(trend, status=TrendStatus.BEYOND_THRESHOLD)
 
 
-def with_life(trend: Trend, limit: Limit) -> Trend:
+def with_life(trend: Trend, limit: Limit, stamp_ns: int) -> Trend:
     """Add the remaining life and the service date; a date only where the life is bounded.
 
     Parameters
@@ -99,10 +99,12 @@ def with_life(trend: Trend, limit: Limit) -> Trend:
         Trend without.
     limit : Limit
         What remains to it.
+    stamp_ns : int
+        Stamp of the newest cycle, from which that counts [ns].
     """
     life = limit.remaining
     rate = trend.cycle_rate
-    date = date_after(trend.stamp_ns, life.median, rate)
+    date = date_after(stamp_ns, life.median, rate)
     return altered(
         trend,
         threshold=limit.value,
@@ -113,12 +115,12 @@ def with_life(trend: Trend, limit: Limit) -> Trend:
         remaining_high=life.high,
         service_date_known=date > 0 and not life.unbounded,
         service_date_ns=date if not life.unbounded else 0,
-        service_date_early_ns=0 if life.unbounded else date_after(trend.stamp_ns, life.low, rate),
+        service_date_early_ns=0 if life.unbounded else date_after(stamp_ns, life.low, rate),
     )
 
 
 def stop_probability(
-    trend: Trend, limit: Limit, line: Line, config: AgingConfig, *, own: bool
+    trend: Trend, limit: Limit, line: Line, config: AgingConfig, *, own: bool, stamp_ns: int
 ) -> float:
     """Return how probable it is that a limit is reached before `next_stop` [1]; NaN = not asked.
 
@@ -134,10 +136,12 @@ def stop_probability(
         When the next stop is.
     own : bool
         Whether the reference is of values of the same segment.
+    stamp_ns : int
+        Stamp of the newest cycle [ns].
     """
     ahead, date_ns = parse_stop(config.next_stop)
     if date_ns:
-        ahead = 1e-9 * (date_ns - trend.stamp_ns) * trend.cycle_rate
+        ahead = 1e-9 * (date_ns - stamp_ns) * trend.cycle_rate
     if limit.approach is None or not np.isfinite(ahead):
         return trend.next_stop_probability
     drifting = limit.approach.before(ahead)

@@ -42,6 +42,8 @@ class Finding:
         Numbers of the first cycle that has it and of the cycle that raised the alarm.
     end : int
         Number of the cycle at which it was seen to be over; -1 = it lasts.
+    end_seen : bool
+        Whether it was: else the cycles from there on are of other products, which do not tell.
     """
 
     fault: str
@@ -52,6 +54,7 @@ class Finding:
     onset: int
     alarm: int
     end: int = -1
+    end_seen: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,8 +147,7 @@ def clocks_beside(diagnosis: Diagnosis) -> str:
 def lately_over(diagnosis: Diagnosis, cycle: int, since: int = 0) -> str:
     """Return the newest fault that came and went by itself a while ago, or "".
 
-    Nothing is said of one where the cycles have nothing to be compared with: whether it is over
-    may be what they do not tell.
+    Nothing is said of one of which nothing tells whether it is over.
 
     Parameters
     ----------
@@ -156,9 +158,9 @@ def lately_over(diagnosis: Diagnosis, cycle: int, since: int = 0) -> str:
     since : int
         First cycle since maintenance with a new reference: what began before it was mended.
     """
-    gone = (f for f in diagnosis.findings if f.end >= 0 and f.onset >= since)
+    gone = (f for f in diagnosis.findings if f.end >= 0 and f.end_seen and f.onset >= since)
     over = [f for f in gone if cycle - f.end < LATELY]
-    if diagnosis.present is not None or diagnosis.doubt or not over:
+    if diagnosis.present is not None or not over:
         return ""
     newest = max(over, key=lambda f: f.end)
     return f"a fault is over since cycle {newest.end}: {describe_finding(newest)}"

@@ -12,6 +12,7 @@ from valve_twin.core.diagnosis.changes.finding import Finding
 from valve_twin.core.diagnosis.table import BY_NAME, partner
 
 if TYPE_CHECKING:
+    from valve_twin.core.past.columns import Rows
     from valve_twin.core.types import FloatArray, IntArray
 
 OFF_SEAT = "off_seat"
@@ -81,6 +82,23 @@ def over(cycles: IntArray, excess: FloatArray, finding: Finding) -> int:
         if run == _CONFIRM:
             return int(number)
     return -1
+
+
+def odd(shown: Rows) -> str:
+    """Return what the newest cycle shows that no sound valve does, or "".
+
+    A single value that repeats is none such: rounding and a lost sample do that, too.
+
+    Parameters
+    ----------
+    shown : Rows
+        Features of the cycles, a cycle a row.
+    """
+    newest = shown.take(np.array([len(shown) - 1]))
+    values = {"sensor_offset": OFF_SEAT, "dead_band": WEAK_SMALL}
+    names = [f for f, n in values.items() if np.nan_to_num(newest.value(n)[0]) != 0.0]
+    what = f"cycle {int(newest.cycle[0])} shows what no sound valve does"
+    return f"{what} ({BY_NAME[names[0]].text})" if names else ""
 
 
 def _found(numbers: IntArray, value: FloatArray, fault: str, rows: slice, end: int) -> Finding:
