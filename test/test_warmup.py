@@ -50,13 +50,15 @@ def test_a_simulation_with_an_external_controller_is_run_as_well():
 def test_predictions_are_compiled_ahead_for_valves_that_can_be_simulated(
     words, valves, monkeypatch
 ):
-    predicted = set()
+    predicted, shown = set(), set()
     for name in ("run_once", "_estimate_wave", "_warm_up_design"):
         monkeypatch.setattr(warmup, name, lambda *_: None)
     monkeypatch.setattr(warmup, "predict_once", lambda name, _: predicted.add(name))
+    monkeypatch.setattr(warmup, "_simulate_shown", shown.add)
     monkeypatch.setattr("valve_twin.core.aging.warm_up", lambda: None)
     warmup.main(words)
     assert predicted == (valves or {"double_solenoid"})
+    assert shown == {"double_solenoid"}  # the one that is shown by another file than its own
 
 
 def test_what_a_cycle_adds_to_the_counters_is_compiled_ahead(monkeypatch):

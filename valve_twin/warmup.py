@@ -99,6 +99,7 @@ def _warm_up_demo(valve: str) -> None:
         for rule in CycleRule:
             run_once(case.model, rule)
         predict_once(case.model, CycleRule.WINDOW)  # the short records end before a prediction
+        _simulate_shown(case.model)
 
 
 def _warm_up_all() -> None:
@@ -115,10 +116,21 @@ def _warm_up_all() -> None:
             rules = rules[:1]  # cutting is the same for every valve
         for changed in model.variants:
             _estimate_wave(model, changed)
+        if model.demonstration.file:
+            _simulate_shown(name)
     if find_spec("skfem"):  # of the extra for design
         _warm_up_design()
     if find_spec("asyncua"):  # of the extra for the gateway
         import_module("valve_twin.gateway.opcua.standard").keep()
+
+
+def _simulate_shown(name: str) -> None:
+    """Simulate two samples of the file by which a valve is shown: its plant may be another."""
+    from valve_twin.demo.cases import shown_file
+    from valve_twin.io.config.valve import load_config
+    from valve_twin.io.offline.simulated_bag import simulation_of
+
+    simulate_once(simulation_of(load_config(shown_file(name))[0]))
 
 
 def _warm_up_design() -> None:

@@ -8,10 +8,14 @@ from dataclasses import replace
 
 import pytest
 
-from valve_twin.core.simulation import AgingRule
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.simulation import AgingRule, simulate_cycles, to_frames
+from valve_twin.core.types import Cycle, EstimateStatus
 from valve_twin.core.valves.registry import get_model, get_simulation
 from valve_twin.demo.__main__ import main
-from valve_twin.demo.cases import DRIFT, case_names, config_of, find_case, injected
+from valve_twin.demo.cases import DRIFT, case_names, config_of, find_case, injected, shown_file
+from valve_twin.io.config.valve import load_config
+from valve_twin.io.offline.simulated_bag import simulation_of
 
 
 def test_the_simulated_valves_with_an_aging_law_are_shown():
@@ -54,6 +58,31 @@ def test_a_file_of_the_user_s_is_shown_in_place_of_that_of_the_model(tmp_path):
     case = find_case(file=own)
     assert case == replace(find_case("double_solenoid"), file=own)
     assert find_case("double_solenoid", file=own) == case
+
+
+def test_the_double_solenoid_is_shown_on_the_map_of_a_field():
+    """Issue 11: the demo runs on a computed map, not on an assumed pole."""
+    case = find_case("double_solenoid")
+    config = load_config(case.file)[0]
+    assert len(config.options.map_coenergy) > 1000
+    plant = simulation_of(config).plant
+    assert plant.map_coenergy == config.options.map_coenergy
+    assert plant.eddies == config.options.eddies
+    assert plant.eddies.gain_1 > 0.0
+    assert case.rate == 0.5
+
+
+def test_valve_and_twin_of_the_shown_file_agree():
+    config = load_config(shown_file("double_solenoid"))[0]
+    model, simulation = get_model(config.model), simulation_of(config)
+    memory, said = Memory.empty(), None
+    for i, block in enumerate(simulate_cycles(simulation, 2, 5), 1):
+        cycle = Cycle(i, simulation.period_s, to_frames(block))
+        (said, *_), memory = estimate_cycle(model, config.options, cycle, memory)
+    assert said.status is EstimateStatus.ACCEPTED, said.reason
+    truth = model.truth(simulation, 2)
+    for name, true in truth.items():
+        assert said.value(name) == pytest.approx(true, rel=0.1), name
 
 
 def test_a_file_that_lets_no_such_valve_age_is_refused(capsys, tmp_path):

@@ -99,7 +99,7 @@ def find_case(
     model : str
         Name of its model, empty = that of the file, without a file the usual one.
     file : Path, optional
-        Its configuration, default that of the model in `config/`.
+        Its configuration, default the one in `config/` by which the model is shown.
     cycles : int
         Cycles to wait for, 0 = the valve's own number.
     rate : float
@@ -124,7 +124,7 @@ def find_case(
     if cycles < 0 or not 0.0 <= rate < math.inf:
         message = f"cycles = {cycles}, rate = {rate}: must not be negative"
         raise ValueError(message)
-    case = _case(model, file.resolve() if file else config_of(model), cycles)
+    case = _case(model, file.resolve() if file else shown_file(model), cycles)
     case = replace(case, cycles=cycles or case.cycles, rate=rate or case.rate)
     return replace(case, batch=_batch(case))
 
@@ -146,6 +146,18 @@ def config_of(model: str) -> Path:
             return file
     message = f"no file in {folder} lets a valve of the model '{model}' age"
     raise ValueError(message)
+
+
+def shown_file(model: str) -> Path:
+    """Return the file in `config/` by which a model is shown: the one that it names, else its own.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    named = get_model(model).demonstration.file
+    return ROOT / "config" / named if named else config_of(model)
 
 
 def injected(case: Case, simulation: SimulationConfig, numbers: Sequence[int]) -> list[float]:

@@ -138,6 +138,8 @@ class Demonstration:
         Whether messages may carry more than one sample.
     counter : bool
         Whether the simulated valve's counter cuts the cycles rather than the file's rule.
+    file : str
+        Name of the file in `config/` that is shown; empty = that of the name of the model.
     """
 
     namespace: str = ""
@@ -148,6 +150,7 @@ class Demonstration:
     rate: float = 0.0
     batched: bool = True
     counter: bool = False
+    file: str = ""
 
 
 class ValveModel(Protocol):

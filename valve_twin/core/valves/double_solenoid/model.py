@@ -72,7 +72,7 @@ from valve_twin.core.valves.double_solenoid.record import (
     make_record,
     warm_resistances,
 )
-from valve_twin.core.valves.interface import Scale
+from valve_twin.core.valves.interface import Demonstration, Scale
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.outcome import Evidence, blank, conclude, withheld
 from valve_twin.core.valves.kit.record import usable, whole_refusal
@@ -107,6 +107,9 @@ _FEATURE_SET = feature_set(
 )
 
 
+_SHOWN = Demonstration(rate=0.5, file="designed_solenoid.yaml")  # half a core for its control
+
+
 @dataclass(frozen=True, slots=True)
 class DoubleSolenoidModel(CompiledModel):
     """Implements `ValveModel` for two coils, their voltages and currents, and one spool."""
@@ -124,6 +127,7 @@ class DoubleSolenoidModel(CompiledModel):
     trend_estimator: str = ESTIMATOR
     normalised: bool = True
     feature_set: FeatureSet = _FEATURE_SET
+    demonstration: Demonstration = _SHOWN
 
     def estimate(
         self, cycle: Cycle, options: DoubleSolenoidOptions, earlier: Sequence[Estimate] = ()
