@@ -72,6 +72,24 @@ def test_other_screws_are_recovered(backlash_mm):
     assert STROKE_MM * found.value("backlash") == pytest.approx(backlash_mm, rel=0.05)
 
 
+def test_a_sensor_that_is_too_slow_for_the_position_to_rest_is_judged_as_well():
+    """An average of 32 ms reads 20 % too much: no rest told the noise, so nothing was judged."""
+    found = mechanics({"plant": {"window": 32}})
+    backlash = next(p for p in found.parameters if p.name == "backlash")
+    assert np.isnan(backlash.value)
+    assert backlash.reason.startswith("the play leaves 0.0046 of the stroke")
+
+
+@pytest.mark.parametrize("given", [{"lost_share": s} for s in (0.005, 0.01, 0.1)]
+                         + [{"backlash": 3e-4}])  # fmt: skip
+def test_the_interval_of_the_backlash_holds_lost_steps_and_a_wide_play(given):
+    found = mechanics({"plant": given})
+    backlash = next(p for p in found.parameters if p.name == "backlash")
+    true = given.get("backlash", 1e-4) / (1e-3 * STROKE_MM)
+    assert backlash.lower_95 < true < backlash.upper_95
+    assert backlash.upper_95 - backlash.lower_95 < 0.08 * true
+
+
 @pytest.mark.parametrize("share", [0.02, 0.05])
 def test_lost_steps_are_counted(share):
     (cycle,) = make_cycles({"plant": {"lost_share": share}})
