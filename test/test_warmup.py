@@ -50,7 +50,8 @@ def test_a_simulation_with_an_external_controller_is_run_as_well():
 def test_predictions_are_compiled_ahead_for_valves_that_can_be_simulated(
     words, valves, monkeypatch
 ):
-    predicted, shown = set(), set()
+    predicted: set[str] = set()
+    shown: set[str] = set()
     for name in ("run_once", "_estimate_wave", "_warm_up_design"):
         monkeypatch.setattr(warmup, name, lambda *_: None)
     monkeypatch.setattr(warmup, "predict_once", lambda name, _: predicted.add(name))
