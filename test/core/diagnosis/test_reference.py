@@ -86,6 +86,17 @@ def test_few_cycles_with_a_step_are_none(name, since):
     assert withheld == 10
 
 
+@pytest.mark.parametrize("name", ["leak", "weak_outflow", "aeration"])
+def test_a_step_back_along_a_fault_of_one_direction_is_no_doubt(name):
+    """It is no fault that begins: a leak does not close by itself."""
+    given = 0
+    for seed in range(6):
+        vectors = healthy(60, seed)[:14]
+        vectors[3:] -= change_of(name, 1)
+        given += not early(vectors)
+    assert given >= 5
+
+
 @pytest.mark.no_cover
 def test_a_reference_once_given_is_seldom_withdrawn():
     """A verdict that comes and goes is believed by nobody."""

@@ -18,6 +18,7 @@ from valve_twin.core.diagnosis.changes.jumps import BEYOND
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.lines import filled, rays_of_steps
+from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.core.diagnosis.watch.alarm import first_alarm
 from valve_twin.core.diagnosis.watch.whitened import Whitened, known_by
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis.changes.finding import Finding
     from valve_twin.core.diagnosis.lines import Rays
     from valve_twin.core.diagnosis.table import SignatureTable
-    from valve_twin.core.types import FloatArray, IntArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 YET = "no reference yet"
 """With what the reason begins where more cycles are needed."""
@@ -47,8 +48,11 @@ _LEAST_FIRST = 2
 _STEP_SHOWN = 4.5
 """Standard deviations of a step that withholds the reference; set on strangers [1]."""
 
-_STEP_WITHDRAWS = 8.0
+_STEP_WITHDRAWS = 6.5
 """Standard deviations of a step that withdraws it again; set on strangers [1]."""
+
+_STEP_ALONE = 8.0
+"""Those of a single step that all cycles hold and no alarm told; set on strangers [1]."""
 
 _SUDDEN = 0.7
 """Share of a step by which the cycles on its either side must differ: aging is none [1]."""
@@ -236,7 +240,7 @@ def _stepped(
     at = np.arange(_BESIDE, count - _BESIDE + 1)
     middle = np.median([shown[k : count - _BESIDE + 1 + k] for k in range(_BESIDE)], axis=0)
     jump = middle[at] - middle[at - _BESIDE]  # medians: one outlier is no step
-    largest, first = _STEP_WITHDRAWS, 0
+    largest, first = _STEP_ALONE, 0
     for i, k in enumerate(at.tolist()):
         if any(abs(k - row) < _BESIDE for row in apart):
             continue
@@ -279,7 +283,8 @@ def _is_steady(
     steady = False
     for count in range(_FEW_BESIDE if known >= config.settled else _FEW, len(vectors) + 1):
         rays = rays_of_steps([vectors[:count], *beside], table, config)
-        step = _largest_step(rays.along(rays.whitened(filled(vectors[:count], config.least))))
+        shown = rays.along(rays.whitened(filled(vectors[:count], config.least)))
+        step = _largest_step(shown, _two_sided(table, shown.shape[1]))
         steady = step < (_STEP_WITHDRAWS if steady else _STEP_SHOWN)
         steady = steady and _would_show(rays, table, count)
     return steady
@@ -295,10 +300,18 @@ def _would_show(rays: Rays, table: SignatureTable, count: int) -> bool:
     return float(np.median(medium)) > _STEP_SHOWN
 
 
-def _largest_step(shown: FloatArray) -> float:
+def _two_sided(table: SignatureTable, number: int) -> BoolArray:
+    """Return which of some rays are of faults that come in both directions, (S,)."""
+    either = np.zeros(number, dtype=np.bool_)  # the last may be that of a noisier sensor
+    either[: len(table.signatures)] = [BY_NAME[s.fault].two_sided for s in table.signatures]
+    return either
+
+
+def _largest_step(shown: FloatArray, either: BoolArray) -> float:
     """Return the largest sudden step between some first of (N, S) cycles and the rest [1].
 
-    Any number of first cycles is held against the rest along every signature.
+    Any number of first cycles is held against the rest along every signature; the way back along
+    one of a fault that comes in one direction counts only where it is one of `either`, (S,).
     """
     count, largest = len(shown), 0.0
     total = np.cumsum(shown, axis=0)
@@ -306,6 +319,7 @@ def _largest_step(shown: FloatArray) -> float:
         gap = (total[-1] - total[k - 1]) / (count - k) - total[k - 1] / k
         beside = shown[k : k + _BESIDE].mean(axis=0) - shown[max(k - _BESIDE, 0) : k].mean(axis=0)
         sudden = beside * np.sign(gap) > _SUDDEN * np.abs(gap)
+        sudden &= either | (gap > 0.0)
         far = np.where(sudden, np.abs(gap), 0.0).max() * np.sqrt(k * (count - k) / count)
         largest = max(largest, float(far))
     return largest
