@@ -18,7 +18,14 @@ from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.kit.tolerances import contradicted, limits
-from valve_twin.core.valves.servo_system.fit import START, STEPS, UNKNOWNS, LoopProblem, rank
+from valve_twin.core.valves.servo_system.fit import (
+    START,
+    STEPS,
+    UNKNOWNS,
+    WARMED,
+    LoopProblem,
+    rank,
+)
 from valve_twin.core.valves.servo_system.numbers import PHYSICAL, derive
 from valve_twin.core.valves.servo_system.parameters import ESTIMATOR, NAMES, SCALES
 
@@ -31,11 +38,15 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.servo_system.plant_kernel import Sensors
     from valve_twin.core.valves.servo_system.record import Record
 
+VISCOSITY = "viscosity"
+"""The one that is no constant: it follows the temperature of the oil, cycle by cycle."""
+
 HOPELESS = 50.0
 """Residual over the noise from which no constant inside its tolerance is looked for [1]."""
 
 _REPEATED = 25  # cycles after which the constants are published again: a memory holds fifty
 _KEPT = "a constant, kept as the record that told it"
+_WARM = "of this cycle: it follows the temperature of the oil"
 _ROUNDS = 14
 _TURNS = 3  # rounds along principal axes at least
 _CLOSE = 1.7  # residual over the noise, squared, from which axes are turned [1]
@@ -104,17 +115,30 @@ class Known:
         """
         return replace(self, alike=np.sqrt(np.maximum(self.alike**2 - noise**2, 0.0)))
 
-    def published(self) -> list[ParameterValue]:
-        """Return the constants as values of an estimate, where they are due."""
-        if not self.due:
-            return []
-        values, errors = self.options * self.found, np.abs(self.options) * self.errors
-        half = NORMAL_975 * errors
-        rows = np.column_stack([values, errors, values - half, values + half]).tolist()
-        return [
-            ParameterValue(name, value, ParameterStatus.OK, _KEPT, error, low, high)
-            for name, (value, error, low, high) in zip(self.constants.names, rows, strict=True)
-        ]
+    def published(self, warmed: tuple[float, float]) -> list[ParameterValue]:
+        """Return the constants as values of an estimate, where they are due; viscosity always.
+
+        Parameters
+        ----------
+        warmed : tuple
+            What the cycle's viscosity is over the one known, less 1, and its standard error [1].
+        """
+        shown = [n for n in self.constants.names if self.due or n == VISCOSITY]
+        return [self._published(name, warmed) for name in shown]
+
+    def _published(self, name: str, warmed: tuple[float, float]) -> ParameterValue:
+        k = self.constants.names.index(name)
+        value, error = float(self.options[k] * self.found[k]), float(self.errors[k])
+        error *= abs(float(self.options[k]))
+        reason = _KEPT
+        if name == VISCOSITY:
+            change, doubt = warmed
+            value, reason = value * (1.0 + change), _WARM
+            error = float(np.hypot(error, abs(value) * doubt)) if self.due else abs(value) * doubt
+        half = NORMAL_975 * error
+        return ParameterValue(
+            name, value, ParameterStatus.OK, reason, error, value - half, value + half
+        )
 
 
 def recall(earlier: Sequence[Estimate], constants: Tolerated, options: object) -> Known:
@@ -218,6 +242,9 @@ def open_constants(
     """
     whole = _Whole(record, numbers, known.constants)
     z = np.concatenate((fit.unknowns, np.ones(len(known.constants.names))))
+    if VISCOSITY in known.constants.names:  # of the first cycle it is the constant
+        z[UNKNOWNS + known.constants.names.index(VISCOSITY)] += z[WARMED]
+        z[WARMED] = 0.0
     r = whole.residual(z)
     axes, free, turned = np.empty(0), np.ones(len(z), dtype=np.bool_), 0
     for _ in range(_ROUNDS):
@@ -252,6 +279,7 @@ def _free(along: FloatArray, z: FloatArray, r: FloatArray, max_error: float) -> 
     misfit = max(float(np.sqrt(np.mean(r * r))), 1.0)
     steps = _steps(z, np.empty(0))
     told = rank(along[:, :UNKNOWNS] / steps, z[:UNKNOWNS], _WIDER * max_error / misfit)
+    told[WARMED] = False
     return np.concatenate((told, np.ones(len(z) - UNKNOWNS, dtype=np.bool_)))
 
 

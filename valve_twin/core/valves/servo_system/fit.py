@@ -26,7 +26,7 @@ from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.valves.servo_system import dynamics as dyn
 from valve_twin.core.valves.servo_system import numbers as num
 from valve_twin.core.valves.servo_system.integrate import rest, simulate
-from valve_twin.core.valves.servo_system.numbers import derive
+from valve_twin.core.valves.servo_system.numbers import PHYSICAL, derive
 from valve_twin.core.valves.servo_system.parameters import INDEX, NAMES
 from valve_twin.core.valves.servo_system.plant_kernel import Sensors, scaled
 from valve_twin.core.valves.servo_system.record import SIGNALS
@@ -36,19 +36,22 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
     from valve_twin.core.valves.servo_system.record import Record
 
-START, REMEMBERED = len(NAMES), len(NAMES) + 1
-UNKNOWNS = len(NAMES) + 2
-"""Estimated parameters over their starting values, start [stroke], remembered [reach]."""
+START, REMEMBERED, WARMED = len(NAMES), len(NAMES) + 1, len(NAMES) + 2
+UNKNOWNS = len(NAMES) + 3
+"""Estimated parameters over their starting values, start [stroke], remembered [reach], and what
+the temperature of the oil has changed in its viscosity [1]."""
 
 RTOL = 3e-5
 """Relative error of an integration step in the fit [1]."""
 
-STEPS = np.array([0.02, 0.2, 0.04, 0.4, 0.15, 0.04, 0.04, 0.1, 0.15, 0.04, 0.01, 0.04, 2e-3, 0.3])
+STEPS = np.array([0.02, 0.2, 0.04, 0.4, 0.15, 0.04, 0.04, 0.1, 0.15, 0.04, 0.01, 0.04, 2e-3, 0.3,
+                  0.05])  # fmt: skip
 """Steps of the sensitivities, the larger the less an unknown does: what they change in the signals
 is far above the integration's error."""
 
-_LOWER = np.array([0.05] * len(NAMES) + [-0.2, -1.0])
-_UPPER = np.array([20.0] * len(NAMES) + [1.2, 1.0])
+_LOWER = np.array([0.05] * len(NAMES) + [-0.2, -1.0, -0.8])
+_UPPER = np.array([20.0] * len(NAMES) + [1.2, 1.0, 4.0])
+_VISCOSITY = PHYSICAL.index("viscosity")
 _MAX_STAGES, _MAX_ROUNDS = 8, 12
 _MOST_RUNS = 150  # simulations after which no further step is begun [1]
 _PROGRESS = 0.95  # residual over that of the stage before from which a stage was the last [1]
@@ -62,6 +65,12 @@ _LONGEST = 0.5  # largest change of an unknown in a step [1]
 _START_SIGMA, _MEMORY_SIGMA = 2e-3, 0.5
 """What start and memory are taken to scatter by beforehand [stroke], [reach]: a motor with a small
 hysteresis does not show its memory."""
+
+WARMING = 0.3
+"""What the viscosity is taken to scatter by from cycle to cycle, 8 K of a mineral oil [1]."""
+KNOWN = 1e-6  # the same where the viscosity is known exactly [1]
+_COUPLED = [*range(START), WARMED]  # unknowns that change each other's sensitivities
+_BESIDE = UNKNOWNS - START  # rows of the residual behind the samples
 
 _ERROR_FLOOR = 1e-3
 """Relative error that a parameter is given at least: the integration's in simulation and fit."""
@@ -95,6 +104,8 @@ class LoopFit:
         Condition number of the column-scaled sensitivities [1].
     unknowns : (UNKNOWNS,) array
         Where the search ended.
+    warmed : tuple
+        Viscosity over that of the numbers, less 1, and its standard error [1].
     failed : str
         Why nothing was found, empty if something was.
     """
@@ -108,6 +119,7 @@ class LoopFit:
     worst_misfit: float
     condition: float
     unknowns: FloatArray
+    warmed: tuple[float, float] = (0.0, 0.0)
     failed: str = ""
 
 
@@ -161,15 +173,17 @@ def run_loop(
 class LoopProblem:
     """The weighted residual of a record and its sensitivities, by forward differences."""
 
-    def __init__(self, record: Record, p: FloatArray, sensors: Sensors) -> None:
-        self.record, self.sensors, self.p = record, sensors, p
+    def __init__(
+        self, record: Record, p: FloatArray, sensors: Sensors, warming: float = WARMING
+    ) -> None:
+        self.record, self.sensors, self.p, self.warming = record, sensors, p, warming
         self.base = p[INDEX].copy()
         self.start = _first_position(record)
         self.lower, self.upper = _LOWER, _UPPER
         self.runs = 0
 
     def residual(self, x: FloatArray) -> FloatArray | None:
-        """Return measured minus simulated over the noise, flat, and what start and memory cost.
+        """Return measured minus simulated over the noise, flat, and what is known of the rest.
 
         None where the integration fails.
 
@@ -181,6 +195,7 @@ class LoopProblem:
         self.runs += 1
         p = self.p.copy()
         p[INDEX] = self.base * x[: len(NAMES)]
+        p[_VISCOSITY] *= 1.0 + x[WARMED]
         derive(p)
         record = self.record
         out = np.empty(record.measured.shape)
@@ -198,16 +213,17 @@ class LoopProblem:
             return None
         weighted = ((record.measured - out) * record.weight).ravel()
         away = (x[START] - self.start) / _START_SIGMA
-        return np.concatenate((weighted, [away, x[REMEMBERED] / _MEMORY_SIGMA]))
+        known = [away, x[REMEMBERED] / _MEMORY_SIGMA, x[WARMED] / self.warming]
+        return np.concatenate((weighted, known))
 
     def sensitivities(self, x: FloatArray, r: FloatArray) -> FloatArray | None:
-        """Return d residual / d x, (N * 9 + 2, UNKNOWNS); None where integration fails.
+        """Return d residual / d x, (N * 9 + 3, UNKNOWNS); None where integration fails.
 
         Parameters
         ----------
         x : (UNKNOWNS,) array
             Unknowns [1].
-        r : (N * 9 + 2,) array
+        r : (N * 9 + 3,) array
             The residual there [1].
         """
         jacobian = np.empty((len(r), UNKNOWNS))
@@ -231,6 +247,7 @@ def fit_loop(
     *,
     max_error: float,
     guess: FloatArray | None = None,
+    warming: float = WARMING,
 ) -> LoopFit:
     """Fit the parameters of `NAMES` to a record that begins at rest.
 
@@ -246,11 +263,12 @@ def fit_loop(
         Relative standard error above which a parameter is held [1].
     guess : (12,) array, optional
         Values to search from, NaN = those of `p` [their units].
+    warming : float
+        What the viscosity may scatter by, a standard deviation [1].
     """
-    problem = LoopProblem(record, p, sensors)
+    problem = LoopProblem(record, p, sensors, warming)
     x = np.ones(UNKNOWNS)
-    x[START] = problem.start
-    x[REMEMBERED] = 0.0
+    x[START:] = problem.start, 0.0, 0.0
     if guess is not None:
         known = np.isfinite(guess)
         x[:START][known] = np.clip(guess[known] / problem.base[known], 0.5, 2.0)
@@ -282,7 +300,7 @@ def rank(jacobian: FloatArray, x: FloatArray, max_error: float) -> BoolArray:
     """Return which unknowns the record determines, (UNKNOWNS,), taken most sensitive first.
 
     An unknown is taken if its standard error, given all unknowns taken before it, stays below
-    `max_error`; start and memory always are.
+    `max_error`; start, memory and viscosity always are.
 
     Parameters
     ----------
@@ -295,7 +313,7 @@ def rank(jacobian: FloatArray, x: FloatArray, max_error: float) -> BoolArray:
     """
     gram = jacobian.T @ jacobian
     left = list(range(START))
-    taken = [START, REMEMBERED]
+    taken = [START, REMEMBERED, WARMED]
     while left:
         known = gram[np.ix_(taken, taken)] + 1e-12 * np.diag(np.diag(gram)[taken] + 1e-300)
         cross = gram[np.ix_(taken, left)]
@@ -339,7 +357,7 @@ def _descend(
             jacobian, fresh, taken_at = renewed, True, x
         if damping > _DAMPING_MAX:
             break
-    if np.abs(x - taken_at)[:START].max() > _MOVED:
+    if np.abs(x - taken_at)[_COUPLED].max() > _MOVED:
         renewed = problem.sensitivities(x, r)
         jacobian = jacobian if renewed is None else renewed
     return x, r, jacobian
@@ -376,7 +394,7 @@ def _step(
     step = np.zeros(UNKNOWNS)
     step[on] = part
     length = float(np.sqrt(max(float(part @ gram @ part), 0.0)))
-    share = min(1.0, _LONGEST / max(float(np.abs(step[:START]).max()), 1e-300))
+    share = min(1.0, _LONGEST / max(float(np.abs(step[_COUPLED]).max()), 1e-300))
     promised = 2.0 * share * float(part @ gradient[on]) - (share * length) ** 2
     return share * step, promised, length
 
@@ -394,20 +412,22 @@ def _result(
     used = problem.record.weight > 0.0
     misfit = float(np.sqrt(r @ r / max(int(used.sum()) - int(free.sum()), 1)))
     each = np.sqrt(
-        np.sum(r[:-2].reshape(used.shape) ** 2, axis=0) / np.maximum(used.sum(axis=0), 1)
+        np.sum(r[:-_BESIDE].reshape(used.shape) ** 2, axis=0) / np.maximum(used.sum(axis=0), 1)
     )
     gram = jacobian.T @ jacobian
-    errors = np.full(names, np.inf)
-    for j in range(names):
+    errors = np.full(UNKNOWNS, np.inf)
+    for j in _COUPLED:
         on = np.flatnonzero(free | (np.arange(UNKNOWNS) == j))
         scaled, scale = unit_diagonal(gram[np.ix_(on, on)])
         inverse = np.linalg.pinv(scaled)
         place = int(np.flatnonzero(on == j)[0])
         errors[j] = np.sqrt(max(inverse[place, place], 0.0)) / scale[place]
+    errors *= max(misfit, 1.0)
     at_bound = (x <= _LOWER * (1 + 1e-9)) | (x >= _UPPER * (1 - 1e-9))
     return LoopFit(
         values=problem.base * x[:names],
-        errors=problem.base * np.hypot(errors * max(misfit, 1.0), _ERROR_FLOOR * x[:names]),
+        errors=problem.base
+        * np.hypot(errors[:names] * max(misfit, 1.0), _ERROR_FLOOR * x[:names]),
         estimated=free[:names],
         at_bound=at_bound[:names],
         misfit=misfit,
@@ -415,6 +435,7 @@ def _result(
         worst_misfit=float(each.max()),
         condition=column_condition(jacobian[:, free]),
         unknowns=x,
+        warmed=(float(x[WARMED]), float(errors[WARMED])),
     )
 
 
@@ -424,4 +445,4 @@ def _failure(problem: LoopProblem, reason: str) -> LoopFit:
     nan = float("nan")
     failed = Refusal(RefusalCode.NO_CONVERGENCE, reason)
     nowhere = np.full(UNKNOWNS, np.nan)
-    return LoopFit(nothing, nothing, none, none, nan, "", nan, nan, nowhere, failed)
+    return LoopFit(nothing, nothing, none, none, nan, "", nan, nan, nowhere, failed=failed)

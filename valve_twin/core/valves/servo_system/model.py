@@ -32,12 +32,13 @@ from valve_twin.core.valves.kit.tolerances import tolerated
 from valve_twin.core.valves.servo_system.bench_fits import BENCH_FITS
 from valve_twin.core.valves.servo_system.constants import (
     HOPELESS,
+    VISCOSITY,
     Known,
     open_constants,
     recall,
     with_constants,
 )
-from valve_twin.core.valves.servo_system.fit import LoopFit, fit_loop
+from valve_twin.core.valves.servo_system.fit import KNOWN, WARMING, LoopFit, fit_loop
 from valve_twin.core.valves.servo_system.parameters import (
     CONSTANTS,
     ESTIMATOR,
@@ -175,8 +176,9 @@ def _fitted(
     They are found anew where no cycle has shown them, or has shown all that this one tells.
     """
     start, limit = (numbers(options, {}), sensors(options)), options.max_error
+    warming = WARMING if VISCOSITY in kept.constants.names else KNOWN
     known = with_constants(*start, kept.constants, kept.found)
-    fit = fit_loop(record, *known, max_error=limit, guess=guess)
+    fit = fit_loop(record, *known, max_error=limit, guess=guess, warming=warming)
     settled = not kept.missing(fit.estimated) or not fit.misfit < HOPELESS
     if fit.failed or settled:
         return kept, fit
@@ -185,7 +187,7 @@ def _fitted(
         text = "no interval: the simulation fails in the search of the constants with a tolerance"
         return replace(kept, contradiction=Refusal(RefusalCode.NO_CONVERGENCE, text)), fit
     known = with_constants(*start, opened.constants, opened.found)
-    fit = fit_loop(record, *known, max_error=limit, guess=opened.parameters)
+    fit = fit_loop(record, *known, max_error=limit, guess=opened.parameters, warming=warming)
     return opened.beyond(fit.errors / fit.values), fit
 
 
@@ -221,7 +223,7 @@ def _accepted(
     counts = MaskCounts(len(record.wanted) - record.bad, bad=record.bad)
     evidence = Evidence(counts, fit.condition, float(record.sigma[0]))
     judged = withheld(values, "not told")
-    values += known.published()
+    values += known.published(fit.warmed)
     return conclude("servo_system", ESTIMATOR, cycle, values, judged, evidence)
 
 

@@ -81,15 +81,15 @@ ServoSystemTolerances = tolerance_section(
         "piston_losses": 0.0,
         "area_1": 0.002,
         "area_2": 0.002,
-        "stroke": 0.0,
+        "stroke": 0.002,
         "dead_length": 0.0,
         "piston_mass": 0.0,
         "creep_speed": 0.0,
         "decay_speed": 0.0,
         "load_inertia": 0.05,
-        "arm": 0.0,
+        "arm": 0.002,
         "load_damping": 0.1,
-        "port_radius": 0.0,
+        "port_radius": 0.01,
         "clearance": 0.0,
         "supply_underlap": 0.0,
         "return_underlap": 0.0,
@@ -107,18 +107,21 @@ ServoSystemTolerances = tolerance_section(
         "flow_force_offset": 0.0,
         "current_scale": 0.0,
         "valve_scale": 0.0,
-        "pressure_scale": 0.0,
+        "pressure_scale": 0.005,
         "return_scale": 0.0,
         "speed_scale": 0.0,
     },
 )
 """Gains and limits of the controllers are numbers in a program: they have none."""
 
+_TOLD = "known constant, inside its tolerance, told once"
+_WARM = "viscosity of the fluid: told in every cycle, since it follows the temperature"
+
 CONSTANTS = tuple(
     Parameter(
         d.name,
         _KNOWN[d.name].unit,
-        "known constant, inside its tolerance, told once",
+        _WARM if d.name == "viscosity" else _TOLD,
         _KNOWN[d.name].lower,
         _KNOWN[d.name].upper,
     )
