@@ -93,7 +93,7 @@ def _configure_files(arguments: argparse.Namespace) -> int:
     from valve_twin.io.configure.channels import look
     from valve_twin.io.configure.limits import MOST_CYCLES, justified_limits
     from valve_twin.io.configure.odd import odd_files, without
-    from valve_twin.io.configure.proposal import limit_line, reasons, yaml_text
+    from valve_twin.io.configure.proposal import limit_line, not_proposed, reasons, yaml_text
     from valve_twin.io.configure.survey import choose
     from valve_twin.io.instruments.clock import ClockChoice
     from valve_twin.io.instruments.into_bag import recording_files
@@ -112,6 +112,9 @@ def _configure_files(arguments: argparse.Namespace) -> int:
         survey, choice = choose(without(odd, look(paths, clock)), position=arguments.position)
     for line in reasons(survey, choice, len(paths) + len(odd)):
         say(line)
+    if why := not_proposed(choice):
+        _picture(arguments, survey, choice)
+        return fail(f"{paths[0]}: {why}")
     limits: list[Limit] = []
     if choice.repeat is None:
         first = paths[:MOST_CYCLES]
@@ -120,13 +123,18 @@ def _configure_files(arguments: argparse.Namespace) -> int:
         limits = justified_limits(text, first, cycles or math.inf)
         say(limit_line(limits))
     _write(arguments, yaml_text(survey, choice, arguments.files, limits))
+    _picture(arguments, survey, choice)
+    return OK
+
+
+def _picture(arguments: argparse.Namespace, survey: Survey, choice: Choice) -> None:
+    """Draw what was found beside the proposal, or where it is asked for."""
     picture = arguments.picture or (
         str(Path(arguments.out).with_suffix(".svg")) if arguments.out else ""
     )
     if picture:
         Path(picture).write_text(_draw(survey, choice), encoding="utf-8")
         say(f"{picture}: picture written")
-    return OK
 
 
 def _asked(arguments: argparse.Namespace, survey: Survey, known: ClockChoice) -> ClockChoice:

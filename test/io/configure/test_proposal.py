@@ -127,6 +127,24 @@ def test_a_bad_file_among_several_is_left_out_of_the_bag(tmp_path, capsys):
     assert bag_info(tmp_path / "bag").custom["imported_files"] == "2"
 
 
+@pytest.mark.usefixtures("one_model")
+def test_a_model_worse_than_the_mean_is_shown_and_not_proposed(tmp_path, capsys):
+    """The lever of a flap slips in the middle of the record."""
+    command = steps()
+    flap = 0.6 * slew_valve(command)
+    flap += np.interp(np.arange(len(flap)), [0.4 * len(flap), 0.7 * len(flap)], [0.0, 60.0])
+    survey(tmp_path / "a.csv", {"set point [mm]": command, "flap position [mm]": flap})
+    out = tmp_path / "v.yaml"
+    assert main(["configure", str(tmp_path / "a.csv"), "--yes", "--out", str(out)]) == 1
+    said = capsys.readouterr().err
+    assert "models, free run on the half that was not fitted: first_order -" in said
+    (told,) = (x for x in said.splitlines() if "nothing is proposed" in x)
+    assert "worse than its mean does (free run -" in told
+    assert "record steps of several sizes" in told
+    assert not out.exists()
+    assert (tmp_path / "v.svg").read_text().startswith("<svg ")
+
+
 def test_invented_times_are_said_everywhere(tmp_path, capsys):
     text = "stroke\n" + "".join(f"{x:.4f}\n" for x in slew_valve(switched()))
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")

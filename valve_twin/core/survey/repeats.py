@@ -43,6 +43,10 @@ class Repeat:
         What the mean cycle says of its options.
     plan : CyclePlan
         Windows of that length.
+    scale, offset : float
+        What is followed is scale * channel + offset, in SI.
+    command : str
+        The channel that begins its cycles; "" = none.
     """
 
     channel: str
@@ -51,6 +55,9 @@ class Repeat:
     model: str
     options: Mapping[str, object]
     plan: CyclePlan
+    scale: float = 1.0
+    offset: float = 0.0
+    command: str = ""
 
 
 def find_repeat(

@@ -20,6 +20,7 @@ from valve_twin.io.offline.propose import EXPLAINED, HELD_BACK, number_text
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from valve_twin.core.survey.repeats import Repeat
     from valve_twin.core.survey.trial import Mapping01
     from valve_twin.io.configure.channels import Survey
     from valve_twin.io.configure.limits import Limit
@@ -71,7 +72,7 @@ def yaml_text(
     if choice.repeat is not None:
         lines += [
             "    aging:",
-            '      label: "timing of a signal that repeats, no command recorded"   # no verdict',
+            f'      label: "{_timing_of(choice.repeat)}"   # no verdict',
             "      default_percent: 0.0   # no change here is aging until a limit is set [%]",
         ]
     else:
@@ -100,6 +101,12 @@ def yaml_text(
     return "\n".join(lines) + "\n"
 
 
+def _timing_of(repeat: Repeat) -> str:
+    if repeat.command:
+        return "timing of strokes between limit switches"
+    return "timing of a signal that repeats, no command recorded"
+
+
 def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False)
 
@@ -113,7 +120,8 @@ def _model(choice: Choice) -> tuple[str, str]:
     if choice.driven is not None:
         return choice.driven.model, "two commands drive the rate of a position both ways"
     if choice.repeat is not None:
-        return choice.repeat.model, f"no command is recorded; {choice.plan.reason}"
+        known = "limit switches and no position" if choice.repeat.command else "no command"
+        return choice.repeat.model, f"{known} recorded; {choice.plan.reason}"
     best, pair = choice.trials[0], choice.pair
     assert pair is not None  # there are trials
     return best.model, (
@@ -134,9 +142,7 @@ def _signals(survey: Survey, choice: Choice) -> list[str]:
             for line in _signal(survey, r.signal, r.source, (r.scale, r.offset), r.evidence)
         ]
     if choice.repeat is not None:
-        model, name = get_model(choice.repeat.model), choice.repeat.channel
-        size = survey.sizes[name]
-        return _signal(survey, model.output, name, (size, 0.0), choice.plan.reason)
+        return _repeat_signals(survey, choice.repeat, choice.plan.reason)
     pair, best = choice.pair, choice.trials[0]
     assert pair is not None  # there are trials
     model = get_model(best.model)
@@ -161,6 +167,17 @@ def _signals(survey: Survey, choice: Choice) -> list[str]:
     warm = [k for k, r in survey.roles.items() if r[:1] == ("temperature",)]
     if len(warm) == 1:
         lines += _signal(survey, "temperature", warm[0], (1.0, 0.0), "condition, unit as it is")
+    return lines
+
+
+def _repeat_signals(survey: Survey, repeat: Repeat, reason: str) -> list[str]:
+    name = repeat.channel
+    mapping = (repeat.scale * survey.sizes[name], repeat.offset)
+    why = "1 between the two switches, 0 at each" if repeat.command else reason
+    lines = _signal(survey, get_model(repeat.model).output, name, mapping, why)
+    if repeat.command:
+        lines += _signal(survey, "reference", repeat.command, (1.0, 0.0), "the command: it begins "
+                         "each cycle")  # fmt: skip
     return lines
 
 
@@ -279,6 +296,14 @@ def reasons(survey: Survey, choice: Choice, count: int) -> list[str]:
     lines += [f"refused: {text}" for text in list(choice.copies.values())[:_SHOWN]]
     if choice.driven is not None:
         lines += [f"{r.signal}: '{r.source}': {r.evidence}" for r in choice.driven.roles]
+    elif choice.repeat is not None and choice.repeat.command:
+        lines += [
+            f"command: '{choice.repeat.command}' begins each cycle",
+            f"signal: '{choice.repeat.channel}': limit switches, no position: the valve moves "
+            "where neither is on",
+            f"model: {choice.repeat.model}: of each stroke rise_instant is the dead time, decay "
+            "the stroke time, valve_lag by how much its middle is later",
+        ]
     elif choice.repeat is not None:
         lines += [
             f"signal: '{choice.repeat.channel}' {choice.plan.reason}",
@@ -294,6 +319,26 @@ def reasons(survey: Survey, choice: Choice, count: int) -> list[str]:
         lines += _pair_lines(survey, choice)
     lines.append(f"cycles: rule {choice.plan.rule.value}: {choice.plan.reason}")
     return lines
+
+
+def not_proposed(choice: Choice) -> str:
+    """Return why the best model is no proposal and what to do, empty where it is one.
+
+    Parameters
+    ----------
+    choice : Choice
+        What the channels are taken for.
+    """
+    if not choice.trials or not choice.trials[0].fit <= 0.0:
+        return ""
+    best, pair = choice.trials[0], choice.pair
+    assert pair is not None  # there are trials
+    return (
+        f"nothing is proposed: the best model ({best.model}) follows '{pair.answer}' worse than "
+        f"its mean does (free run {_percent(best.fit)}); record steps of several sizes with rests "
+        "between, without what was changed by hand meanwhile, or name the channel that answers "
+        "with --position"
+    )
 
 
 def _black_box(choice: Choice) -> str:

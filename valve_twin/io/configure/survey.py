@@ -25,6 +25,7 @@ from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.configure.channels import Survey, unit_of
 from valve_twin.io.configure.made import better_difference, split_command
+from valve_twin.io.configure.switches import find_switches
 from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.io.instruments.units import known_unit
 
@@ -109,6 +110,10 @@ def choose(survey: Survey, *, position: str = "") -> tuple[Survey, Choice]:
     if position and position not in signals:
         msg = f"{_first(survey)}: --position '{position}': {suggest(position, signals)}"
         raise ConfigError(msg)
+    timing = None if position else find_switches(survey)
+    if timing is not None:
+        survey = _timed(timing[0], timing[1].channel)
+        return survey, Choice(_doubted(survey, timing[1].plan), repeat=timing[1])
     pairs, copies = choose_pairs(signals, roles, position=position)
     driven = _driven(survey, pairs, position)
     if driven is None and pairs and pairs[0].named:

@@ -135,3 +135,45 @@ def test_a_valve_excludes_adds_and_bounds():
     assert mine.least == {**kept, "level_zero": 1e-3}
     assert feature_set(least={"rough_rest": 0.4}).least["rough_rest"] == 0.4
     assert mine.of_any_valve
+
+
+def slow_valve(levels, start):
+    """Return a flap in 0.5 s samples whose rate fades by the root of what it lacks."""
+    x, out = start, []
+    for wanted in np.repeat(levels, 120):
+        out.append(x)
+        lack = wanted - x
+        x += np.sign(lack) * min(0.03 * np.sqrt(abs(lack)), abs(lack))
+    return np.array(out)
+
+
+SLOW_LEVELS = (0.2, 0.5, 0.3, 0.8, 0.2)
+
+
+@pytest.mark.parametrize("shift", [0.18, -0.15])
+def test_a_shifted_zero_of_a_slow_valve_is_no_lost_command(shift):
+    """The model is set on the first position and leaves it: what it does there is no move."""
+    measured = slow_valve(SLOW_LEVELS, SLOW_LEVELS[0]) + shift
+    response = slow_valve(SLOW_LEVELS, SLOW_LEVELS[0] + shift)
+    found = cycle_features(Record(measured, response, 0.5, NONE))
+    assert found["unfollowed"] == 0.0
+    assert found["level_zero"] == pytest.approx(shift / np.ptp(response), rel=0.1)
+    assert found["gain_up"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_zero_that_is_shifted_below_the_end_of_the_sensor_is_no_lost_command():
+    levels = (0.0, 0.15, 0.5, 0.15, 0.0)
+    response = slow_valve(levels, 0.0)
+    measured = np.maximum(response - 0.09, 0.0)
+    found = cycle_features(Record(measured, response, 0.5, NONE))
+    assert found["unfollowed"] == 0.0
+    assert found["gain_down"] == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("move", [1, 2, 4])
+def test_a_lost_move_of_a_slow_valve_is_one_of_its_moves(move):
+    response = slow_valve(SLOW_LEVELS, SLOW_LEVELS[0])
+    done = [*SLOW_LEVELS[:move], SLOW_LEVELS[move - 1], *SLOW_LEVELS[move + 1 :]]
+    found = cycle_features(Record(slow_valve(done, done[0]), response, 0.5, NONE))
+    assert found["unfollowed"] == pytest.approx(0.25)
+    assert np.isnan(found["level_zero"])

@@ -79,6 +79,9 @@ _ROUNDED = 12.0**0.5
 _MISSED = 0.5
 """Share of a move by which an end of it is off where it was not followed, assumed [1]."""
 
+_STAYS = 0.2
+"""Share of what a move lacks by which a shift may change behind later moves, assumed [1]."""
+
 _END = 0.999
 """Share of the full scale from which on a command is at its end [1]."""
 
@@ -192,16 +195,19 @@ def _compared(s: FloatArray, off: FloatArray, step: float, period_s: float) -> d
 
     So is `step`, by which the position is rounded.
     """
-    moves, rest = find_moves(s)
+    every, rest = find_moves(s)
     found: dict[str, float] = {}
-    if moves:
-        odd = [m for m in moves if abs(_gain(m, off) - 1.0) > _MISSED]
-        found[UNFOLLOWED] = sum(_is_off(off[m.behind], m) for m in odd) / len(moves)
-        if odd:  # tells nothing else
-            return found
+    odd = {m for m in every if abs(_gain(m, off) - 1.0) > _MISSED}
+    shifts = {m for n, m in enumerate(every) if m in odd and _lasts(m, every[n + 1 :], odd, off)}
+    lost = sum(_is_off(off[m.behind], m) for m in odd - shifts)
+    if every:
+        found[UNFOLLOWED] = lost / len(every)
+    if lost or (odd and not shifts):  # tells nothing else
+        return found
+    moves = tuple(m for m in every if m not in odd)
     found |= _levels(s, off, rest)
     found |= _noise(off, rest, step)
-    found["rough_rest"] = _rough(off, moves, rest)
+    found["rough_rest"] = _rough(off, every, rest)
     rough, stick = [], []
     for way, name in ((1.0, "up"), (-1.0, "down")):
         chosen = [m for m in moves if m.way * way > 0.0]
@@ -241,8 +247,23 @@ def _is_off(off: FloatArray, move: Move) -> bool:
 
 def _gain(move: Move, off: FloatArray) -> float:
     """Return the way of a move over that of the model [1]."""
-    lacks = float(np.mean(off[move.behind])) - float(np.mean(off[move.before]))
-    return 1.0 + lacks / move.way
+    return 1.0 + _lack(move, off) / move.way
+
+
+def _lack(move: Move, off: FloatArray) -> float:
+    """Return by how much more the position is off behind a move than before it [1]."""
+    return float(np.mean(off[move.behind])) - float(np.mean(off[move.before]))
+
+
+def _lasts(move: Move, later: tuple[Move, ...], odd: set[Move], off: FloatArray) -> bool:
+    """Return whether what a move lacks is still there behind all later ones that were made.
+
+    A valve that lost a command is right again by then. One whose zero is shifted is not: the
+    model is set on what is measured first, and leaves it for where the command wants it.
+    """
+    lacks, here = abs(_lack(move, off)), float(np.mean(off[move.behind]))
+    since = [abs(float(np.mean(off[m.behind])) - here) for m in later if m not in odd]
+    return bool(since) and max(since) < _STAYS * lacks
 
 
 def _levels(s: FloatArray, off: FloatArray, rest: BoolArray) -> dict[str, float]:

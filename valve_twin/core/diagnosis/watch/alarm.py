@@ -37,6 +37,9 @@ what wanders away is no sudden change; and off the mean of few cycles: they are 
 _OF_LARGEST = 0.3
 """Share of the largest deviation that another cycle must show: one outlier is no fault [1]."""
 
+_TOLD = 1e-9
+"""Least variance that is divided by, where no cycle shows anything of a signature [1]."""
+
 _AT_A_TIME = 256  # rows that are judged together at first, before it is asked for an alarm
 
 Alarm: TypeAlias = "tuple[int, int]"
@@ -142,6 +145,8 @@ def _lasts(
 ) -> BoolArray:
     """Return along which signatures a change is sudden and shown by more than one cycle, (K, S).
 
+    Only what a cycle shows counts, not what is carried on from an earlier one.
+
     Parameters
     ----------
     seen : Whitened
@@ -165,13 +170,18 @@ def _lasts(
     shown = (jump > off) & (jump > BEYOND * made[begun])
     young = lines.count < config.settled
     shown &= ~young[:, None] | (rays.along(mean + line - lines.level) > off)
-    cycles = np.empty((m, *shown.shape))
+    cycles, share, scatter = np.empty((3, m, *shown.shape))
     for back in range(m):
         before, variance = lines.at((end - back).astype(np.float64))
         each = (w[end - back] - before) / np.sqrt(1.0 + variance)[:, None]
-        cycles[back] = rays.along(each)
+        cycles[back], share[back], scatter[back] = seen.shown_along(each, end - back)
     least = np.maximum(config.each, _OF_LARGEST * cycles.max(axis=0))
     shown &= np.count_nonzero(cycles > least, axis=0) >= config.confirm
+    weight = share / np.maximum(scatter, _TOLD)
+    together = np.sum(weight * cycles, axis=0)
+    together /= np.sqrt(np.maximum(np.sum(weight * share, axis=0), _TOLD))
+    whole = (share == 1.0).all(axis=0)
+    shown &= whole | (together > np.sqrt(config.threshold))
     return np.asarray(shown, dtype=np.bool_)
 
 

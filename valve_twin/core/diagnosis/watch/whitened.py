@@ -22,7 +22,7 @@ from valve_twin.core.diagnosis.watch.straight import Sums
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.config import DetectionConfig
     from valve_twin.core.diagnosis.table import SignatureTable
-    from valve_twin.core.types import BoolArray, FloatArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 View: TypeAlias = "tuple[FloatArray, FloatArray, Rays]"
 """Whitened cycles, the same without outliers, and the whitened signatures."""
@@ -62,7 +62,7 @@ class Whitened:
         self._w, self._base = Growing(width), Growing(width)
         self._past = Sums.none(width)
         self._total = Growing(width, np.zeros((1, width)))
-        self._whole = Growing(1, self._is_whole(seen))
+        self._shown = Growing(width, self._is_shown(seen))
         self._put(y)
 
     def __len__(self) -> int:
@@ -75,12 +75,12 @@ class Whitened:
         if len(new):
             y = filled_on(self._last, new, self._given)
             self._last = y[-1].copy()
-            self._whole.put(len(self), self._is_whole(np.isfinite(new)))
+            self._shown.put(len(self), self._is_shown(np.isfinite(new)))
             self._put(y - self._level)
 
-    def _is_whole(self, seen: BoolArray) -> FloatArray:
-        """Return whether cycles show every feature that is there, (M, 1)."""
-        return np.asarray((seen | ~self._given).all(axis=1, keepdims=True), np.float64)
+    def _is_shown(self, seen: BoolArray) -> FloatArray:
+        """Return 1 where cycles show a feature or it is never there, else 0, (M, F)."""
+        return np.asarray(seen | ~self._given, np.float64)
 
     def _put(self, y: FloatArray) -> None:
         """Add cycles; whether the last one is an outlier is told by the next."""
@@ -101,7 +101,43 @@ class Whitened:
     @property
     def measured(self) -> FloatArray:
         """The cycles without outliers, (N, F); NaN where one does not show all features."""
-        return np.where(self._whole.rows > 0.0, self._base.rows, np.nan)
+        return np.where(self._is_whole()[:, None], self._base.rows, np.nan)
+
+    def _is_whole(self) -> BoolArray:
+        """Return which cycles show every feature that is there, (N,)."""
+        return np.asarray(self._shown.rows.all(axis=1), dtype=np.bool_)
+
+    def shown_along(
+        self, off: FloatArray, rows: IntArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return how far cycles lie off along each ray by what they show, and what that tells.
+
+        A feature that one does not show has the value of an earlier one: nothing that confirms it.
+
+        Parameters
+        ----------
+        off : (K, F) array
+            By what they lie off [standard deviations].
+        rows : (K,) int array
+            Which cycles they are.
+
+        Returns
+        -------
+        (K, S) array
+            How far [standard deviations].
+        (K, S) array
+            The share of a change along the ray that they show, 1 = all [1].
+        (K, S) array
+            Variance of how far healthy ones lie off, 1 where all is shown [1].
+        """
+        rays, white = self.rays.rays, self.rays.white
+        along, share = self.rays.along(off), np.ones((len(rows), len(rays)))
+        variance, shown = share.copy(), self._shown.rows[rows]
+        for k in np.flatnonzero(~shown.all(axis=1)):
+            seen = rays @ (white * shown[k]) @ np.linalg.inv(white)
+            along[k], share[k] = seen @ off[k], np.sum(seen * rays, axis=1)
+            variance[k] = np.sum(seen**2, axis=1)
+        return along, share, variance
 
     @property
     def past(self) -> Sums:

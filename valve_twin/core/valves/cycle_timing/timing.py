@@ -135,10 +135,11 @@ def _spike(
     """Return instant, rise [s], peak [flow], decay [s] and samples used, or why there is none."""
     start, end = options.spike_start_s, options.spike_end_s
     half = options.spike_half_width_s
-    near = (t >= start - half) & (t <= end + half)
-    wanted = round((end - start + 2.0 * half) / period)
+    begin = max(start - half, 0.0)  # nothing is known of what was before the cycle
+    near = (t >= begin) & (t <= end + half)
+    wanted = round((end + half - begin) / period)
     if int(np.count_nonzero(near & known)) < wanted or not known[near].all():
-        text = f"the flow is not whole from {start - half:g} to {end + half:g} s of the cycle"
+        text = f"the flow is not whole from {begin:g} to {end + half:g} s of the cycle"
         return Refusal(RefusalCode.GAPS, text)
     at, q = t[near], flow[near]
     searched = (at >= start) & (at <= end)
