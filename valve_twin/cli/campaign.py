@@ -7,13 +7,13 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from valve_twin.cli.common import OK, USAGE, add_verb, fail, positive, progress_of
+from valve_twin.cli.common import OK, USAGE, add_verb, check_writable, fail, positive, progress_of
 from valve_twin.cli.output import console, plain, table
 from valve_twin.cli.strangers import add_strangers, run_strangers
 from valve_twin.io.config.campaign import load_campaign, write_severities
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -69,6 +69,7 @@ def add(verbs: Verbs) -> None:
 
 
 def _campaign(arguments: argparse.Namespace) -> int:
+    check_writable(arguments.json, arguments.derive)
     if arguments.strangers:
         return run_strangers(arguments)
     if bool(arguments.config) == bool(arguments.model):
@@ -94,10 +95,10 @@ def _campaign(arguments: argparse.Namespace) -> int:
     with progress_of("records", len(config.seeds)) as advance:
         detection = detection_of(rig.feature_set) if arguments.model else None
         result = run_campaign(rig, table, config, detection=detection, advance=advance, **how)
+    _show(result)  # also where the file cannot be written: it took long
     if arguments.json:
         text = json.dumps(_plain(result, config.seeds), indent=1, allow_nan=False)
-        Path(arguments.json).write_text(f"{text}\n", encoding="utf-8")
-    _show(result)
+        write_whole(arguments.json, f"{text}\n")
     return OK
 
 
@@ -151,12 +152,12 @@ def _derive(arguments: argparse.Namespace) -> int:
 
         rig_of_any = model_rig(arguments.model)
         table = derive_table(rig_of_any.model)
-        Path(arguments.derive).write_text(table_source(table), encoding="utf-8")
+        write_whole(arguments.derive, table_source(table))
         return OK
     rig = load_campaign(arguments.config).rig
     with progress_of("faults", len(rig.model.feature_set.first_sizes)) as advance:
         table = derive(rig, advance=advance)
-    Path(arguments.derive).write_text(table_source(table), encoding="utf-8")
+    write_whole(arguments.derive, table_source(table))
     write_severities(arguments.config, table)
     return OK
 

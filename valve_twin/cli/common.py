@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeAlias, TypeVar
 
 from valve_twin.cli.output import shown
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -220,16 +221,18 @@ def no_cycle(config: ValveConfig, bag: str) -> int:
 def check_writable(*paths: str | None) -> None:
     """Find out before the long work whether its results can be written; no path = none."""
     for path in filter(None, paths):
-        there = Path(path)
+        there = Path(os.path.realpath(path))
         if there.is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder, not a file", path)
+        if not there.parent.is_dir():
+            raise FileNotFoundError(errno.ENOENT, f"there is no folder {there.parent}", path)
         if not os.access(there if there.exists() else there.parent, os.W_OK):
             raise PermissionError(errno.EACCES, "cannot be written", path)
 
 
 def write_file(path: str, text: str) -> None:
-    """Write a result and say so."""
-    Path(path).write_text(text, encoding="utf-8")
+    """Write a result, whole or not at all, and say so."""
+    write_whole(path, text)
     say(f"{path}: written")
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from valve_twin.cli.common import OK, add_verb, check_writable, fail, positive_number, say
 from valve_twin.cli.output import shown, write
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -133,7 +134,7 @@ def _picture(arguments: argparse.Namespace, survey: Survey, choice: Choice) -> N
         str(Path(arguments.out).with_suffix(".svg")) if arguments.out else ""
     )
     if picture:
-        Path(picture).write_text(_draw(survey, choice), encoding="utf-8")
+        write_whole(picture, _draw(survey, choice))
         say(f"{picture}: picture written")
 
 
@@ -159,7 +160,7 @@ def _asked(arguments: argparse.Namespace, survey: Survey, known: ClockChoice) ->
 
 def _write(arguments: argparse.Namespace, text: str) -> None:
     if arguments.out:
-        Path(arguments.out).write_text(text, encoding="utf-8")
+        write_whole(arguments.out, text)
         say(f"{arguments.out}: proposal written; check it before you use it")
     else:
         write(text)

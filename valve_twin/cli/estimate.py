@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import (
@@ -22,6 +21,7 @@ from valve_twin.cli.common import (
     say,
 )
 from valve_twin.cli.output import write
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -69,7 +69,7 @@ def _estimate(arguments: argparse.Namespace) -> int:
             say(f"{arguments.bag}: {baselines.text}")
     text = "".join(f"{line}\n" for line in lines)
     if arguments.json:
-        Path(arguments.json).write_text(text, encoding="utf-8")
+        write_whole(arguments.json, text)
         verdict = assessment.verdict
         say(f"{arguments.json}: {describe_use(record)}; {verdict.text}: {verdict.evidence}")
     else:

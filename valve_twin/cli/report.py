@@ -10,6 +10,7 @@ from valve_twin.cli.common import (
     OK,
     add_config,
     add_verb,
+    check_writable,
     chosen_config,
     no_cycle,
     run_offline,
@@ -41,6 +42,7 @@ def _report(arguments: argparse.Namespace) -> int:
     from valve_twin.report.build import report_bag, report_history
 
     config = chosen_config(arguments)
+    check_writable(arguments.out)
     budget = None
     if arguments.budget:
         from valve_twin.io.offline.budget import configured_budget

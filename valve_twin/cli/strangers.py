@@ -8,7 +8,6 @@ import json
 import statistics
 from dataclasses import asdict
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from valve_twin.cli.common import OK, USAGE, fail, positive, progress_of, seed_number
@@ -16,6 +15,7 @@ from valve_twin.cli.output import console, plain, table
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config.valve import load_config, parse_config
 from valve_twin.io.offline.make_twin import twin_config
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -120,6 +120,7 @@ def _campaign(
     with progress_of("strangers", len(chosen)) as advance:
         met = list(meet(chosen, advance=advance))
     whole = pooled(met)
+    _show(whole)  # also where the file cannot be written: it took hours
     if arguments.json:
         figures = {
             "seeds": list(chosen),
@@ -128,8 +129,7 @@ def _campaign(
             "strangers": [described(m) for m in met],
         }
         text = json.dumps(figures, indent=1, allow_nan=False)
-        Path(arguments.json).write_text(f"{text}\n", encoding="utf-8")
-    _show(whole)
+        write_whole(arguments.json, f"{text}\n")
 
 
 def _described(met: Met) -> dict[str, object]:

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,6 +15,7 @@ from valve_twin.core.faults.advice import FAILURE_MODES, advise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.io.history.tiers.reading import told
+from valve_twin.io.whole import write_whole
 from valve_twin.report.budget import budget_section
 from valve_twin.report.faults import faults_section, operation_section, steps_section
 from valve_twin.report.language.words import figures, whole_page
@@ -93,12 +93,9 @@ def write_report(data: ReportData, path: str | Path) -> Path:
         If the file cannot be written.
     """
     target = Path(path)
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
-        part.write_text(render_report(data), encoding="utf-8")
-        os.replace(part, target)
+        write_whole(target, render_report(data))
     except OSError as err:
-        part.unlink(missing_ok=True)
         msg = (
             f"{target}: the report cannot be written: {err.strerror or err}: "
             "check the folder, its access rights and the free space"

@@ -4,7 +4,12 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import shutil
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -12,9 +17,12 @@ from test.nodes.aging.test_estimate_buffer import CYCLES, STORED, VALVE, Twin
 from test.nodes.conftest import NS
 from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.past.columns import past_of
 from valve_twin.core.types import Maintenance
 from valve_twin.core.valves.registry import get_model
+from valve_twin.io.config.valve import load_config
+from valve_twin.io.errors import StoreError
 from valve_twin.nodes.aging import keeping, monitored_valve
 from valve_twin.nodes.aging.node import AgingMonitorNode
 
@@ -128,3 +136,44 @@ def test_a_damaged_file_is_told_and_not_used(graph, twin, tmp_path):
     _, valve = start(graph, tmp_path)
     assert min(twin.asked) == 1
     assert said(valve.assessment) == expected(twin)
+
+
+def test_a_folder_that_somebody_removed_is_made_anew(graph, twin, tmp_path):
+    folder = tmp_path / "state"
+    node, _ = start(graph, folder)
+    shutil.rmtree(folder)
+    stop(graph, node, folder)
+    twin.asked.clear()
+    start(graph, folder)
+    assert 1 not in twin.asked
+
+
+def test_what_could_not_be_written_is_tried_again_soon_and_at_the_end(tmp_path, monkeypatch, root):
+    """It was not tried at the end, and before that only after 200 estimates more."""
+    room = False
+
+    def write(path, content) -> None:
+        if not room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        path.write_bytes(content)
+
+    monkeypatch.setattr(keeping, "WORTH", 1)
+    monkeypatch.setattr(keeping, "write", write)
+    monkeypatch.setattr(keeping, "freeze", lambda state: state)
+    monkeypatch.setattr(keeping, "pack", lambda *_: b"known")
+    (config,) = load_config(root / "config" / "first_order.yaml")
+    keeper = keeping.Keeper(str(tmp_path), config)
+    buffer: Any = SimpleNamespace(counts={"a": keeping.EVERY}, state=None, place=dict)
+    assert keeper.due(buffer)
+    with pytest.raises(StoreError, match="is not written: No space left on device: make room"):
+        keeper.saving(buffer, Memory())()
+    keeper.done(failed=True)
+    assert not keeper.due(buffer)
+    assert keeper.due(buffer, ends=True)
+    buffer.counts["a"] += keeping.AGAIN
+    assert keeper.due(buffer)
+    room = True
+    keeper.saving(buffer, Memory())()
+    keeper.done(failed=False)
+    assert not keeper.due(buffer, ends=True)
+    assert [p.read_bytes() for p in tmp_path.iterdir()] == [b"known"]

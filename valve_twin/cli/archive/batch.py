@@ -20,6 +20,7 @@ from valve_twin.cli.common import (
     say,
 )
 from valve_twin.cli.output import console, table
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -119,7 +120,7 @@ def _write_summary(results: Results, found: Sequence[BagResult]) -> None:
     for result in found:
         cells = _cells(result)
         writer.writerow([no_formula(cells[i]) for i in keep])
-    (results.folder / "summary.csv").write_text(text.getvalue(), encoding="utf-8")
+    write_whole(results.folder / "summary.csv", text.getvalue())
 
 
 def _show(found: Sequence[BagResult]) -> None:

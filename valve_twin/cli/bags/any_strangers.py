@@ -20,6 +20,7 @@ from valve_twin.io.configure.proposal import yaml_text
 from valve_twin.io.configure.survey import choose
 from valve_twin.io.instruments.clock import ClockChoice
 from valve_twin.io.offline.make_twin import twin_config
+from valve_twin.io.whole import write_whole
 from valve_twin.validation.any_strangers.record import record
 from valve_twin.validation.any_strangers.watch import Setup
 
@@ -57,7 +58,7 @@ def configured(stranger: Stranger) -> Setup:
         np.savetxt(path, rows, "%.9g", delimiter=",", header=header, comments="")
         survey, choice = choose(look([path], ClockChoice()))
         written = Path(folder, "valve.yaml")
-        written.write_text(yaml_text(survey, choice, [str(path)]), encoding="utf-8")
+        write_whole(written, yaml_text(survey, choice, [str(path)]))
         config = load_config(written)[0]
     model = get_model(config.model)
     maps = {k: Mapping01(s.scale, s.offset) for k, s in config.signals.items()}

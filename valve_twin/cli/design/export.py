@@ -17,6 +17,7 @@ from valve_twin.cli.design.given import (
     refusals,
 )
 from valve_twin.cli.output import print_json
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -77,7 +78,7 @@ def _export(arguments: argparse.Namespace) -> int:
     source = designed.curves.provenance
     title = f"{source['name']}, map {source['sha256']}: written by valve-twin design export"
     text = exported_yaml(like, valve.name, numbers.shared, numbers.own, title, twin)
-    Path(arguments.out).write_text(text, encoding="utf-8")
+    write_whole(arguments.out, text)
     load_config(Path(arguments.out))
     say(f"{arguments.out}: written")
     short = short_of_current(designed)

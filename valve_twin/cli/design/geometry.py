@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from valve_twin.cli.common import OK, add_verb, check_writable, fail, say
 from valve_twin.cli.design.given import add_design, read_given, refusals, section_of
 from valve_twin.cli.output import number, print_json, print_rows, table
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -51,7 +52,7 @@ def _geometry(arguments: argparse.Namespace) -> int:
     with refusals():
         section = section_of(design)
     if arguments.svg:
-        Path(arguments.svg).write_text(draw_section(section), encoding="utf-8")
+        write_whole(arguments.svg, draw_section(section))
     if arguments.dxf:
         write_dxf(section, Path(arguments.dxf))
     if arguments.yaml and not isinstance(design, Section):

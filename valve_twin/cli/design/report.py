@@ -20,6 +20,7 @@ from valve_twin.cli.design.sensitivity import (
 )
 from valve_twin.cli.output import number
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -106,7 +107,7 @@ def _report(arguments: argparse.Namespace) -> int:
         ),
         notes=_notes(archive, arguments.final),
     )  # fmt: skip
-    (folder / "report.html").write_text(render_design(page), encoding="utf-8")
+    write_whole(folder / "report.html", render_design(page))
     for name in ("report.html", "chosen.yaml", "chosen.dxf"):
         say(f"{folder / name}: written")
     return OK

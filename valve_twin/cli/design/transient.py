@@ -13,6 +13,7 @@ import numpy as np
 from valve_twin.cli.common import OK, add_verb, check_writable, say, write_file
 from valve_twin.cli.design.given import add_design, read_given, read_map_of, refusals, section_of
 from valve_twin.cli.output import print_json
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -107,4 +108,4 @@ def _write(found: Transient, coils: tuple[str, ...], path: Path) -> None:
     columns = [found.time_s, *found.currents.T, *found.flux.T, found.force, found.joule]
     rows = [",".join(names)]
     rows += [",".join(f"{v:.9g}" for v in row) for row in np.column_stack(columns)]
-    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    write_whole(path, "\n".join(rows) + "\n")

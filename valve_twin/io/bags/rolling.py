@@ -156,7 +156,12 @@ class RollingFiles:
         except OSError as err:
             raise self._unwritable(err) from err
         if at_once:
-            self.open_next()
+            try:
+                self.open_next()
+            except BagError:
+                with suppress(OSError):  # a folder that holds nothing is in the way next time
+                    path.rmdir()
+                raise
 
     def follow(self, earlier: Sequence[Path], delete: Callable[[Path], int]) -> None:
         """Count files of earlier recordings as the oldest of this one.

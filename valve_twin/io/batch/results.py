@@ -13,6 +13,7 @@ import dataclasses
 import hashlib
 import json
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -181,8 +182,13 @@ def _restored(stored: dict[str, object]) -> BagResult:
 
 def _write_whole(path: Path, data: bytes) -> None:
     partial = path.with_name(f".{path.name}.part")
-    with partial.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    try:
+        with partial.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError as err:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)  # on a full disk others need its room
+        raise OSError(err.errno, err.strerror or str(err), str(path)) from err

@@ -21,6 +21,7 @@ from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.fmu.plant import simulation_for
 from valve_twin.io.limits import load_yaml
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -153,4 +154,4 @@ def write_severities(path: str | Path, table: SignatureTable) -> None:
     text = target.read_text(encoding="utf-8")
     head = re.split(r"^severities:.*$", text, maxsplit=1, flags=re.MULTILINE)[0]
     note = "severities:".ljust(52) + "# small, medium, large; written by --derive"
-    target.write_text(head + "\n".join([note, *lines, ""]), encoding="utf-8")
+    write_whole(target, head + "\n".join([note, *lines, ""]))

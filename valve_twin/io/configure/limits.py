@@ -19,6 +19,7 @@ from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.instruments.into_bag import import_recordings
 from valve_twin.io.offline.run import estimate_bag
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -79,7 +80,7 @@ def justified_limits(text: str, files: Sequence[Path], count: float = math.inf) 
     """
     with TemporaryDirectory(prefix="valve_twin_") as folder:
         written = Path(folder, "valve.yaml")
-        written.write_text(text, encoding="utf-8")
+        write_whole(written, text)
         config = load_config(written)[0]
         followed = [p.name for p in get_model(config.model).parameters if p.trend]
         if count < LEAST_CYCLES:

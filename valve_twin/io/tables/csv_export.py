@@ -9,6 +9,7 @@ Arrays take one column an element; where arrays differ in length, what is not th
 from __future__ import annotations
 
 import csv
+from contextlib import suppress
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -234,7 +235,8 @@ def write_table(table: Table, path: Path) -> None:
             _write_parquet(table, beside)
         beside.replace(path)
     except OSError as err:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):  # of a folder that takes nothing
+            beside.unlink(missing_ok=True)
         msg = f"{path}: cannot be written ({err.strerror}); check the folder and the free space"
         raise BagError(msg) from err
 

@@ -9,6 +9,8 @@ the topic `run` by its name.
 
 from __future__ import annotations
 
+import shutil
+from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from glob import glob
@@ -218,7 +220,10 @@ def import_files(
         return ImportSummary(tuple(done), sum(bag.counts.values()), tuple(told))
     finally:
         if bag is not None:
-            bag.close()
+            with ExitStack() as stack:
+                if not done:  # a part of the first file is no bag of it
+                    stack.callback(shutil.rmtree, bag.path, ignore_errors=True)
+                bag.close()
 
 
 def streams_of(config: ValveConfig) -> list[Stream]:

@@ -32,6 +32,10 @@ EVERY = 200
 """Estimates after which it is written again [1], assumed: what came since is asked for."""
 
 
+AGAIN = 10
+"""Estimates after which it is tried again where it could not be written [1], assumed."""
+
+
 class Keeper:
     """The file of one valve.
 
@@ -49,7 +53,7 @@ class Keeper:
     """
 
     def __init__(self, folder: str, config: ValveConfig) -> None:
-        self._config, self._kept = config, 0
+        self._config, self._kept, self._written = config, 0, 0
         self._path: Path | None = None
         if folder:
             place = Path(folder).absolute()
@@ -75,18 +79,25 @@ class Keeper:
         except StoreError as err:
             tell(str(err))
             return None
-        self._kept = sum(known.place["counts"].values()) if known else 0
+        self._kept = self._written = sum(known.place["counts"].values()) if known else 0
         return known
 
     def outdated(self) -> None:
         """Have the file written anew as soon as all is known again: it holds too little."""
-        self._kept = 0
+        self._kept = self._written = 0
+
+    def done(self, *, failed: bool) -> None:
+        """Note how the last work ended."""
+        if failed:
+            self._kept -= EVERY - AGAIN
+        else:
+            self._written = self._kept
 
     def due(self, buffer: EstimateBuffer, *, ends: bool = False) -> bool:
         """Return whether it is to be written: so many are new, or any where the monitor ends."""
         count = sum(buffer.counts.values())
-        new = count - self._kept
-        return self._path is not None and count >= WORTH and new >= (1 if ends else EVERY)
+        is_new = count > self._written if ends else count >= self._kept + EVERY
+        return self._path is not None and count >= WORTH and is_new
 
     def saving(self, buffer: EstimateBuffer, memory: Memory) -> Callable[[], None]:
         """Return the work that writes what is known now; what comes meanwhile is not in it.
@@ -105,6 +116,7 @@ class Keeper:
         if self._path is not None:
             content = pack(state, memory, place, self._origin(), self._config.aging)
             try:
+                self._path.parent.mkdir(parents=True, exist_ok=True)  # where somebody removed it
                 write(self._path, content)
             except OSError as err:
                 msg = f"{self._path}: is not written: {err.strerror}: make room, or name another"

@@ -77,7 +77,7 @@ class MonitoredValve:
         self._busy = False
         self._keeper = keeper
         self.assessment: Assessment | None = None
-        self.failure = self._told = ""
+        self.failure = self._told = self._unkept = ""
         self.assess_s = 0.0
         self._trends: dict[str, Any] = {}
         base = self.name
@@ -271,8 +271,12 @@ class MonitoredValve:
             self._worker.submit(work, lambda outcome: post(partial(self._on_kept, outcome)))
 
     def _on_kept(self, outcome: Outcome) -> None:
-        if outcome.error:
+        self._keeper.done(failed=bool(outcome.error))
+        if outcome.error and outcome.error != self._unkept:
             self._node.get_logger().warning(f"{self.name}: {outcome.error}")
+        if self._unkept and not outcome.error:
+            self._node.get_logger().info(f"{self.name}: what is known is kept again")
+        self._unkept = outcome.error
 
     def _on_assessed(self, outcome: Outcome) -> None:
         self._busy, self.assess_s = False, outcome.wall_s

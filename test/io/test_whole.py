@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A file is whole or what it was: on a full disk, read only, behind a link, in a pipe."""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+import threading
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from valve_twin.io.whole import write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+@contextmanager
+def full_disk(room: int) -> Iterator[None]:
+    """Let no file of this process grow beyond a size [B]; the error is another than ENOSPC."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_full_disk_leaves_what_was_there_and_nothing_else(tmp_path):
+    path = tmp_path / "a.txt"
+    write_whole(path, "before")
+    with full_disk(1000), pytest.raises(OSError, match="too large") as caught:
+        write_whole(path, "x" * 5000)
+    assert caught.value.filename == str(path)
+    assert path.read_text() == "before"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_a_read_only_folder_is_told_with_the_file_that_was_asked_for(tmp_path, monkeypatch):
+    def refuse(self: Path, data: bytes) -> int:
+        del data
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(self))
+
+    path = tmp_path / "a.txt"
+    monkeypatch.setattr(Path, "write_bytes", refuse)
+    with pytest.raises(OSError, match="Read-only") as caught:
+        write_whole(path, "x")
+    assert caught.value.filename == str(path)
+
+
+def test_a_link_is_followed_and_access_rights_stay(tmp_path):
+    target, link = tmp_path / "target", tmp_path / "link"
+    target.write_text("before")
+    target.chmod(0o640)
+    link.symlink_to(target)
+    write_whole(link, "after")
+    assert link.is_symlink()
+    assert target.read_text() == "after"
+    assert target.stat().st_mode & 0o777 == 0o640
+    link.unlink()
+    link.symlink_to(tmp_path / "nowhere" / "deep")
+    with pytest.raises(FileNotFoundError):
+        write_whole(link, "after")
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_pipe_is_written_in_place(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    found: list[str] = []
+    reader = threading.Thread(target=lambda: found.append(pipe.read_text()))
+    reader.start()
+    write_whole(pipe, "through")
+    reader.join(30.0)
+    assert found == ["through"]
+    assert pipe.is_fifo()
+
+
+def test_a_folder_is_no_file(tmp_path):
+    with pytest.raises(IsADirectoryError):
+        write_whole(tmp_path, "x")
