@@ -259,9 +259,12 @@ def _lasts(move: Move, later: tuple[Move, ...], odd: set[Move], off: FloatArray)
     """Return whether what a move lacks is still there behind all later ones that were made.
 
     A valve that lost a command is right again by then. One whose zero is shifted is not: the
-    model is set on what is measured first, and leaves it for where the command wants it.
+    model is set on what is measured first, and leaves it for where the command wants it. One that
+    oscillates is not as far off from sample to sample.
     """
     lacks, here = abs(_lack(move, off)), float(np.mean(off[move.behind]))
+    if float(np.ptp(off[move.behind])) > _MISSED * lacks:
+        return False
     since = [abs(float(np.mean(off[m.behind])) - here) for m in later if m not in odd]
     return bool(since) and max(since) < _STAYS * lacks
 
