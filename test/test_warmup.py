@@ -10,6 +10,7 @@ from dataclasses import replace
 import pytest
 
 from valve_twin import warmup
+from valve_twin.core.estimation.cycle import scatter
 from valve_twin.core.operation.counters import Counters
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_simulation, model_names
@@ -74,6 +75,18 @@ def test_what_a_cycle_adds_to_the_counters_is_compiled_ahead(monkeypatch):
     assert counted
     assert counted[-1].movements > 0
     assert counted[-1].hours[1] > 0.0
+
+
+def test_the_scatter_that_a_tenth_cycle_asks_for_is_compiled_ahead(monkeypatch):
+    asked = []
+
+    def measured(values, outlier):
+        asked.append((len(values), values.dtype, outlier))
+        return 0.0, len(values) - 2
+
+    monkeypatch.setattr(scatter, "scatter_about_line", measured)
+    warmup.run_once("first_order", CycleRule.WINDOW)
+    assert [(n, str(kind)) for n, kind, _ in asked] == [(scatter.MIN_CYCLES, "float64")]
 
 
 @pytest.mark.parametrize("name", model_names())

@@ -157,6 +157,7 @@ def run_once(name: str, rule: CycleRule, options: Options | None = None) -> None
     ValueError
         If the model is unknown or cannot be simulated.
     """
+    from valve_twin.core.estimation.cycle.scatter import MIN_CYCLES, scatter_between_cycles
     from valve_twin.core.estimation.cycle.sequence import estimate_cycle
     from valve_twin.core.operation.counters import Counters, cycle_duty
     from valve_twin.core.simulation import SimulatedValve
@@ -177,6 +178,7 @@ def run_once(name: str, rule: CycleRule, options: Options | None = None) -> None
         duty = cycle_duty(job.cycle, normalised=model.normalised)
         counters = counters if duty is None else counters.after(duty)
     twin.finish()
+    scatter_between_cycles(np.arange(float(MIN_CYCLES)))  # the record has fewer cycles
 
 
 def simulate_once(simulation: SimulationConfig) -> None:
