@@ -529,11 +529,15 @@ def test_offline_verbs_need_no_ros(press):
     assert done.stdout.count('"estimator": "output_error"') == CYCLES
 
 
-def test_a_reader_that_has_seen_enough_is_no_error(press):
+@pytest.mark.parametrize("prints", ["lines", "a table"])
+def test_a_reader_that_has_seen_enough_is_no_error(press, prints):
     reading, writing = os.pipe()
     os.close(reading)
-    command = [sys.executable, "-m", "valve_twin.cli", "estimate", str(press.bag)]
-    command += ["--config", str(press.config)]
+    command = [sys.executable, "-m", "valve_twin.cli"]
+    if prints == "lines":
+        command += ["estimate", str(press.bag), "--config", str(press.config)]
+    else:
+        command.append("bench-fit")
     with os.fdopen(writing, "wb") as out:
         done = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (OK, b"")

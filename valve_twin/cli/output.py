@@ -8,7 +8,7 @@ import json
 import math
 import re
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -48,6 +48,10 @@ def console(width: int = WIDTH) -> Console:
         ) -> Iterator[Segment]:
             for part in super().render(renderable, options):
                 yield part if part.control else Segment(shown(part.text), part.style)
+
+        def on_broken_pipe(self) -> NoReturn:
+            """Leave it to who ends the verb, where rich ends the process with 1."""
+            raise BrokenPipeError
 
     found = Showing(file=sys.stdout)
     return found if found.is_terminal else Showing(file=sys.stdout, width=width)
