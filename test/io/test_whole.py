@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from valve_twin.cli.common import check_writable
 from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
@@ -84,3 +85,15 @@ def test_a_pipe_is_written_in_place(tmp_path):
 def test_a_folder_is_no_file(tmp_path):
     with pytest.raises(IsADirectoryError):
         write_whole(tmp_path, "x")
+
+
+def test_a_pipe_that_only_an_open_file_leads_to_is_written_in_place():
+    ours, theirs = os.pipe()
+    try:
+        for path in (f"/dev/fd/{theirs}", f"/proc/self/fd/{theirs}"):  # as /dev/stdout | ...
+            check_writable(path)
+            write_whole(path, "through")
+            assert os.read(ours, 100) == b"through"
+    finally:
+        os.close(ours)
+        os.close(theirs)

@@ -221,7 +221,7 @@ def no_cycle(config: ValveConfig, bag: str) -> int:
 def check_writable(*paths: str | None) -> None:
     """Find out before the long work whether its results can be written; no path = none."""
     for path in filter(None, paths):
-        there = Path(os.path.realpath(path))
+        there = Path(path) if Path(path).exists() else Path(os.path.realpath(path))
         if there.is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder, not a file", path)
         if not there.parent.is_dir():

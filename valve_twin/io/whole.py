@@ -32,8 +32,8 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
     target = Path(os.path.realpath(path))
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
-        if target.exists() and not _can_replace(target):
-            target.write_bytes(data)
+        if Path(path).exists() and not _can_replace(target):
+            Path(path).write_bytes(data)  # the pipe behind /dev/stdout has no path of its own
             return
         try:
             part.write_bytes(data)

@@ -3,6 +3,8 @@
 """The servosystem's twin: what it recovers, withholds, refuses and predicts."""
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 from valve_twin.core.valves.servo_system import model as servo_model
 from valve_twin.core.valves.servo_system.fit import START, UNKNOWNS, rank
+from valve_twin.core.valves.servo_system.fit import _result as result_of
 from valve_twin.core.valves.servo_system.parameters import NAMES
 from valve_twin.core.valves.servo_system.plant import ServoSystemPlant, default_simulation
 
@@ -296,3 +299,15 @@ def test_constants_off_inside_their_tolerances_leave_the_intervals_true():
         assert off < 1.8 * half, value.name  # 3.5 standard errors
     for name, value in true.items():
         assert found.value(name) == pytest.approx(value, rel=0.4 * abs(shares[name])), name
+
+
+def test_errors_grow_once_with_what_the_fit_leaves():
+    samples = SimpleNamespace(weight=np.ones((200, 9)))
+    given: Any = SimpleNamespace(record=samples, base=np.ones(START))
+    jacobian = np.random.default_rng(1).normal(size=(1803, UNKNOWNS))
+    free = np.ones(UNKNOWNS, dtype=np.bool_)
+    x = np.ones(UNKNOWNS)
+    as_noise, thrice = (result_of(given, x, r * np.ones(1803), jacobian, free) for r in (1.0, 3.0))
+    assert thrice.misfit == pytest.approx(3.0 * as_noise.misfit)
+    np.testing.assert_allclose(thrice.errors, 3.0 * as_noise.errors, rtol=0.01)  # with a floor
+    assert thrice.warmed[1] == pytest.approx(3.0 * as_noise.warmed[1])

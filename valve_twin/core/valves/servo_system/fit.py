@@ -426,8 +426,7 @@ def _result(
     at_bound = (x <= _LOWER * (1 + 1e-9)) | (x >= _UPPER * (1 - 1e-9))
     return LoopFit(
         values=problem.base * x[:names],
-        errors=problem.base
-        * np.hypot(errors[:names] * max(misfit, 1.0), _ERROR_FLOOR * x[:names]),
+        errors=problem.base * np.hypot(errors[:names], _ERROR_FLOOR * x[:names]),
         estimated=free[:names],
         at_bound=at_bound[:names],
         misfit=misfit,
