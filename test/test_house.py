@@ -86,6 +86,24 @@ OUTPUT_AND_EXIT = {"print", "sys.exit", "exit", "quit"}
 COMMON_SIGNALS = {"command", "current", "position"}  # words of any valve
 COMMANDS = {"__main__.py", "warmup.py", "executables.py"}
 
+SINCE_3_11 = {
+    "tomllib",
+    *(f"asyncio.{n}" for n in ("Barrier", "Runner", "TaskGroup", "timeout", "timeout_at")),
+    "contextlib.chdir",
+    "datetime.UTC",
+    *(f"enum.{n}" for n in ("EnumCheck", "ReprEnum", "StrEnum", "member", "nonmember", "verify")),
+    "hashlib.file_digest",
+    "inspect.getmembers_static",
+    "itertools.batched",
+    *(f"math.{n}" for n in ("cbrt", "exp2", "fma", "sumprod")),
+    "operator.call",
+    "types.get_original_bases",
+    *(f"typing.{n}" for n in ("LiteralString", "Never", "NotRequired", "Required", "Self")),
+    *(f"typing.{n}" for n in ("TypeVarTuple", "Unpack", "assert_never", "assert_type")),
+    *(f"typing.{n}" for n in ("dataclass_transform", "override", "reveal_type")),
+}
+"""What Python 3.11 and 3.12 added to modules that are in use."""
+
 MOST_MODULES, MOST_LINES, MOST_PARAMETERS = 15, 450, 10
 """Of a folder beside its `__init__`, of a module, and of a public function."""
 
@@ -124,9 +142,31 @@ def imported_modules(path: Path, tree: ast.AST) -> Iterator[tuple[ast.AST, str]]
             yield from ((node, f"{module}.{alias.name}") for alias in node.names)
 
 
+def names_taken(path: Path, tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
+    """Yield every import and every attribute of a file."""
+    yield from imported_modules(path, tree)
+    yield from ((n, ast.unparse(n)) for n in ast.walk(tree) if isinstance(n, ast.Attribute))
+
+
 def is_within(module: str, names: set[str]) -> bool:
     parts = module.split(".")
     return any(".".join(parts[:depth]) in names for depth in range(1, len(parts) + 1))
+
+
+def test_nothing_is_taken_that_the_oldest_python_lacks() -> None:
+    """Python 3.10 is allowed; the environment of most is newer, and ruff knows syntax alone."""
+    assert 'python_requires=">=3.10' in (ROOT / "setup.py").read_text(encoding="utf-8")
+    words = {name.rpartition(".")[2] for name in SINCE_3_11}
+    any_of_them = re.compile(rf"\b({'|'.join(sorted(words))})\b")
+    offences = {
+        f"{place(path, node)} takes {name}"
+        for folder in (PACKAGE, ROOT / "test", ROOT / "tools", ROOT / "launch")
+        for path in python_files(folder)
+        if any_of_them.search(path.read_text(encoding="utf-8"))
+        for node, name in names_taken(path, parse(path))
+        if is_within(name, SINCE_3_11)
+    }
+    assert not offences, "\n".join(sorted(offences))
 
 
 @pytest.mark.parametrize("room", sorted(FORBIDDEN))
@@ -156,6 +196,17 @@ def test_the_check_of_imports_sees_every_form(tmp_path: Path) -> None:
         "valve_twin.io",
         "valve_twin.nodes",
         "valve_twin.nodes.twin",
+    }
+
+
+def test_the_check_of_the_oldest_python_sees_every_form() -> None:
+    path = PACKAGE / "core" / "example.py"
+    source = "import datetime, tomllib\nfrom enum import StrEnum\nnow = datetime.UTC\n"
+    found = {name for _, name in names_taken(path, ast.parse(source))}
+    assert {n for n in found if is_within(n, SINCE_3_11)} == {
+        "tomllib",
+        "enum.StrEnum",
+        "datetime.UTC",
     }
 
 

@@ -154,3 +154,14 @@ def test_a_user_is_added_with_a_password_that_no_list_of_processes_shows(
     assert main(["serve", "--add-user", "bert"]) == 2
     assert "needs --users FILE" in capsys.readouterr().err
     assert set(read_users(users)) == {"anna"}
+
+
+def test_the_loop_is_one_that_asks_our_listener_whom_to_take(monkeypatch):
+    from starlette.applications import Starlette
+
+    monkeypatch.setitem(sys.modules, "uvloop", SimpleNamespace(new_event_loop=None))
+    factory = serving.make_server(Starlette(), Place()).config.get_loop_factory()
+    assert factory is not None
+    loop = factory()
+    assert isinstance(loop, asyncio.SelectorEventLoop)
+    loop.close()

@@ -84,6 +84,34 @@ class Server:
             self.process.stderr.close()
 
 
+INTERRUPTED = """
+import os, signal, sys
+import uvicorn.server
+from valve_twin.cli import main
+from valve_twin.cli.archive import serve
+
+def then(does):
+    def first(*given, **named):
+        does(*given)
+        os.kill(os.getpid(), signal.SIGINT)
+    return first
+
+def begins(coroutine, *, loop_factory, runs=uvicorn.server.asyncio_run):
+    os.kill(os.getpid(), signal.SIGINT)
+    runs(coroutine, loop_factory=loop_factory)
+
+serve.say, uvicorn.server.asyncio_run = then(serve.say), begins
+sys.exit(main(["serve", "--port", "0", "--url", sys.argv[1]]))
+"""
+
+
+def test_ctrl_c_ends_it_as_soon_as_the_address_is_said_and_while_it_begins_to_serve(path):
+    command = [sys.executable, "-c", INTERRUPTED, f"sqlite:///{path}"]
+    found = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert (found.returncode, found.stdout, found.stderr.count("\n")) == (0, "", 1), found.stderr
+    assert "valves at http://127.0.0.1:" in found.stderr
+
+
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
     made = tmp_path_factory.mktemp("gateway") / "history.sqlite"

@@ -97,3 +97,43 @@ def test_a_pipe_that_only_an_open_file_leads_to_is_written_in_place():
     finally:
         os.close(ours)
         os.close(theirs)
+
+
+def test_a_file_that_standard_output_leads_to_keeps_its_place(tmp_path):
+    with (tmp_path / "a.txt").open("w") as file:
+        write_whole(f"/dev/fd/{file.fileno()}", "redirected")
+        assert os.fstat(file.fileno()).st_nlink == 1  # else what is printed later were lost
+    assert (tmp_path / "a.txt").read_text() == "redirected"
+
+
+@pytest.mark.parametrize("code", [errno.EBUSY, errno.EPERM])
+def test_a_file_that_keeps_its_place_is_written_there(tmp_path, monkeypatch, code):
+    """As one that a container mounts, or another's in a folder of all."""
+
+    def refuse(*_: object) -> None:
+        raise OSError(code, os.strerror(code))
+
+    path = tmp_path / "a.txt"
+    path.write_text("before")
+    monkeypatch.setattr(os, "replace", refuse)
+    write_whole(path, "after")
+    assert path.read_text() == "after"
+    assert os.listdir(tmp_path) == ["a.txt"]
+    with pytest.raises(OSError, match=os.strerror(code)):
+        write_whole(tmp_path / "new.txt", "x")
+
+
+def test_a_file_that_may_not_be_written_is_not_replaced(tmp_path, monkeypatch):
+    path = tmp_path / "a.txt"
+    path.write_text("before")
+    number = path.stat().st_ino
+    monkeypatch.setattr(os, "access", lambda asked, _: Path(asked) != path)
+    write_whole(path, "by root, who may")
+    assert path.stat().st_ino == number
+
+
+def test_the_longest_name_is_written(tmp_path):
+    path = tmp_path / ("ü" * 127)
+    for content in ("before", "after"):
+        write_whole(path, content)
+    assert path.read_text() == "after"

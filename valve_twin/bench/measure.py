@@ -7,7 +7,7 @@ from __future__ import annotations
 import statistics
 import time
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,7 +34,7 @@ class Scale:
     repeats: int
 
 
-class Better(StrEnum):
+class Better(str, Enum):
     """In which sense the figure of a comparison and its goal are to be read."""
 
     HIGHER = "higher"
@@ -87,7 +87,7 @@ def describe(ratio: Ratio, committed: float | None = None) -> str:
     before = "" if committed is None else f", committed {committed:.3g} x"
     reached = "reached" if ratio.reached else "not reached"
     return (
-        f"{ratio.name}: {ratio.value:.3g} x {ratio.peer} (better is {ratio.better}, "
+        f"{ratio.name}: {ratio.value:.3g} x {ratio.peer} (better is {ratio.better.value}, "
         f"goal {ratio.goal:.3g} x{before}; "
         f"{ratio.ours_s * 1e3:.3g} ms against {ratio.peer_s * 1e3:.4g} ms) goal {reached}"
     )

@@ -159,7 +159,7 @@ def _verdict(
         write(f"{name}: never measured: LOST\n")
         return True
     middle, low, high = statistics.median(found), min(found), max(found)
-    said = f"{name}: {middle:.3g} x ({low:.3g} to {high:.3g}), better is {better}"
+    said = f"{name}: {middle:.3g} x ({low:.3g} to {high:.3g}), better is {better.value}"
     if committed is None:
         write(f"{said}, nothing committed\n")
         return False

@@ -217,6 +217,7 @@ def make_server(application: Starlette, place: Place) -> Any:  # noqa: ANN401 - 
 
     config = uvicorn.Config(
         application,
+        loop="asyncio",  # uvloop, where it is installed, accepts without asking our listener
         log_level="critical",  # what a client does wrong is no line of ours
         access_log=False,
         server_header=False,

@@ -4,17 +4,27 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from contextlib import suppress
 from pathlib import Path
 
+_DESCRIPTORS = ("/dev/std", "/dev/fd/", "/proc/")
+"""What is named so is open in some process, as standard output: nothing can take its place."""
+
+_KEPT = (errno.EBUSY, errno.EPERM, errno.EACCES)
+"""What is said where a file is mounted by itself, another's in a common folder, or held open."""
+
+_SHOWN = 50
+"""Letters of a name that its part has, too: a name may have 255 bytes at most [1]."""
+
 
 def write_whole(path: str | Path, content: str | bytes) -> None:
     """Write a file beside its place and put it there once it is complete.
 
-    What is no plain file, such as a pipe, and a file in a folder that takes no other is written in
-    place; a link is followed.
+    What is no plain file, such as a pipe, and a file that cannot be replaced, as in a folder that
+    takes no other, are written in place; a link is followed.
 
     Parameters
     ----------
@@ -30,24 +40,34 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     target = Path(os.path.realpath(path))
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
-        if Path(path).exists() and not _can_replace(target):
-            Path(path).write_bytes(data)  # the pipe behind /dev/stdout has no path of its own
-            return
-        try:
-            part.write_bytes(data)
-            if target.exists():
-                shutil.copymode(target, part)
-            os.replace(part, target)
-        except BaseException:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
-            raise
+        if not _can_replace(path, target) or not _put(target, data):
+            Path(path).write_bytes(data)
     except OSError as err:
         raise OSError(err.errno, err.strerror or str(err), str(path)) from err
 
 
-def _can_replace(target: Path) -> bool:
-    """Return whether a plain file can be put in its place."""
-    return target.is_file() and os.access(target.parent, os.W_OK)
+def _can_replace(path: str | Path, target: Path) -> bool:
+    """Return whether there is nothing yet, or a plain file that may be written and replaced."""
+    if str(path).startswith(_DESCRIPTORS):
+        return False
+    if not target.exists():
+        return True
+    return target.is_file() and os.access(target, os.W_OK) and os.access(target.parent, os.W_OK)
+
+
+def _put(target: Path, data: bytes) -> bool:
+    """Put a file in its place; return whether the system let it."""
+    part = target.with_name(f".{target.name[:_SHOWN]}.{os.getpid()}.part")
+    try:
+        part.write_bytes(data)
+        if target.exists():
+            shutil.copymode(target, part)
+        os.replace(part, target)
+    except BaseException as err:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        if isinstance(err, OSError) and err.errno in _KEPT and target.exists():
+            return False
+        raise
+    return True

@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import socket
 import sys
-from contextlib import ExitStack, suppress
+import threading
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from getpass import getpass
 from pathlib import Path
@@ -22,7 +24,10 @@ from valve_twin.io.uncollected import uncollected
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
+    from types import FrameType
+
+    from uvicorn import Server
 
     from valve_twin.cli.common import Verbs
     from valve_twin.gateway.web import Site
@@ -145,9 +150,29 @@ def _serve(arguments: argparse.Namespace) -> int:
             gc.freeze()  # what a start makes stays
         if isinstance(run, int):
             return run
-        with suppress(KeyboardInterrupt):  # the usual end
-            run()
+        run()
     return OK
+
+
+@contextmanager
+def _ended_by_ctrl_c(server: Server) -> Iterator[None]:
+    """End a server by Ctrl-C also before it runs, and where it has just ended.
+
+    uvicorn looks at signals while it runs, and repeats what it got to whom it found.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        server.should_exit = True
+
+    before = signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _opened(arguments: argparse.Namespace, stack: ExitStack) -> Callable[[], None] | int:
@@ -186,9 +211,10 @@ def _opened(arguments: argparse.Namespace, stack: ExitStack) -> Callable[[], Non
     except ConfigError as err:
         return fail(f"serve: {err}")
     stack.enter_context(faces(plant, _wanted(arguments), say))
+    server = serving.make_server(application(plant, site), place)
+    stack.enter_context(_ended_by_ctrl_c(server))
     where = serving.address(place, listening)
     say(f"{view.where}: {len(view.rows)} valves at {where} (Ctrl-C ends it)")
-    server = serving.make_server(application(plant, site), place)
     return partial(server.run, sockets=[listening])
 
 
