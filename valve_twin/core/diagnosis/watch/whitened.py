@@ -133,8 +133,10 @@ class Whitened:
         rays, white = self.rays.rays, self.rays.white
         along, share = self.rays.along(off), np.ones((len(rows), len(rays)))
         variance, shown = share.copy(), self._shown.rows[rows]
-        for k in np.flatnonzero(~shown.all(axis=1)):
-            seen = rays @ (white * shown[k]) @ np.linalg.inv(white)
+        partly = np.flatnonzero(~shown.all(axis=1))
+        raw = np.linalg.inv(white) if len(partly) else white
+        for k in partly:
+            seen = rays @ (white * shown[k]) @ raw
             along[k], share[k] = seen @ off[k], np.sum(seen * rays, axis=1)
             variance[k] = np.sum(seen**2, axis=1)
         return along, share, variance
