@@ -201,6 +201,7 @@ class Plant:
         before = self.client.figures.connections
         self.begin(harm)
         self.client.until(lambda: self.client.figures.connections > before)
+        self.client.take()  # what waits from the connection before
         self.client.samples.clear()
         self.client.until(lambda: len(self.client.take()) > 4)
         return self.client.samples
