@@ -354,6 +354,20 @@ def test_a_flood_of_sound_samples_is_kept_in_bounds_and_what_is_lost_is_counted(
     plant.begin()
 
 
+def test_a_server_that_tells_its_namespaces_late_is_not_taken_for_gone(plant, monkeypatch):
+    monkeypatch.setattr(module, "TIMEOUT_S", 1.0)
+
+    def late(message: Any) -> None:
+        if any(isinstance(result.Value.Value, list) for result in message.Results):
+            time.sleep(1.5)  # as long as the server takes
+
+    figures = plant.client.figures
+    before = figures.connections
+    plant.begin(answer(ua.ReadResponse, late))
+    plant.client.until(lambda: figures.connections > before)
+    plant.begin()
+
+
 def mutated(rng: random.Random, chunk: bytes) -> bytes:
     """Return a chunk with one damage by chance."""
     data, at = bytearray(chunk), rng.randrange(len(chunk))

@@ -118,6 +118,23 @@ def test_what_the_node_does_not_take_in_time_is_told_as_a_loss(graph, plc):
     assert "5 samples came faster than this node publishes" in fault.evidence
 
 
+def test_where_stamps_tell_what_is_missing_samples_not_taken_in_time_are_among_it(graph, plc):
+    tags = ["position ns=1;s=tag0"]
+    node = graph.host(OpcuaSourceNode, address=plc.address, tags=tags, period_s=0.001)
+    graph.spin_until(lambda: node._subscription.figures.connected, what="the PLC")
+    node._subscription.figures.dropped = 5
+    (grid,) = node._grids
+    grid.missing = 5
+    graph.spin_until(lambda: lost(node), what="a word")
+    (fault,) = (f for f in node.faults.faults() if f.kind.code == "input.loss")
+    assert fault.events == 5
+    assert fault.evidence.endswith("or give the process more computing time")
+    grid.missing = 8
+    graph.spin_until(lambda: lost(node) == 8, what="what the network lost")
+    (fault,) = (f for f in node.faults.faults() if f.kind.code == "input.loss")
+    assert fault.evidence.endswith("look at the load of PLC and network")
+
+
 def test_stamps_that_go_back_are_told_and_a_clock_that_was_set_once_is_not(graph, plc):
     figures = host(graph, plc, ["position ns=1;s=tag0", "other ns=1;s=tag1"])
     (node,) = graph.hosted

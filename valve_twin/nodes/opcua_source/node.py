@@ -164,7 +164,7 @@ class OpcuaSourceNode(ValveNode):
             report.raise_to(WARN, doubt)
             if doubt not in self._told_doubts:
                 self.get_logger().warning(doubt)
-        self._told_doubts |= doubts
+        self._told_doubts = doubts or self._told_doubts
         if abs(figures.ahead_s) > CLOCK_S:
             text = f"the PLC's clock is {figures.ahead_s:+.0f} s from this machine's"
             report.raise_to(WARN, text)
@@ -172,8 +172,9 @@ class OpcuaSourceNode(ValveNode):
 
     def _new(self, what: str, count: int) -> int:
         """Return how many of a kind came since the last time."""
-        new, self._told[what] = count - self._told.get(what, 0), count
-        return max(new, 0)
+        before = self._told.get(what, 0)
+        self._told[what] = max(before, count)
+        return max(count - before, 0)
 
     def _tell_lost(self, figures: Figures, valve: str) -> None:
         """Tell what was lost since the last time, and stamps that no twin can use."""
@@ -197,25 +198,26 @@ class OpcuaSourceNode(ValveNode):
         return new, f"{text}: {figures.unread_why}"
 
     def _dropped(self, figures: Figures) -> tuple[int, str]:
+        """Return what nobody took in time; where stamps tell what is missing, it is among that."""
+        if self._given.period_s:
+            return 0, ""
         new = self._new("dropped", figures.dropped)
-        text = f"{new} samples came faster than this node publishes: let the server sample slower"
-        return new, f"{text} (sampling_ms), or give the process more computing time"
+        return new, _slow(new)
 
     def _missing(self, figures: Figures) -> tuple[int, str]:
         """Return what was lost on the way: by stamps, else what the server says."""
         given = self._given
-        lost = sum(grid.missing for grid in self._grids) if given.period_s else figures.overflows
-        new = self._new("lost", lost)
-        text = f"a queue of the server overflowed {new} times: one sample or more is lost each"
-        if given.period_s:
-            worst = max(range(len(self._tags)), key=lambda tag: self._grids[tag].missing)
-            where = f"{self._tags[worst].node} the most, {self._grids[worst].missing} in all"
-            text = f"{new} samples are missing by their stamps, of {where}"
-        why = figures.doubt or (
-            f"the server sends every {figures.publishing_ms:g} ms: look at the load of PLC and "
-            "network" + ("" if given.period_s else "; set period_s to have samples counted")
-        )
-        return new, f"{text}: {why}"
+        if not given.period_s:
+            new = self._new("lost", figures.overflows)
+            text = f"a queue of the server overflowed {new} times: one sample or more is lost each"
+            more = "; set period_s to have samples counted"
+            return new, f"{text}: {figures.doubt or _sends(figures) + more}"
+        new = self._new("lost", sum(grid.missing for grid in self._grids))
+        worst = max(range(len(self._tags)), key=lambda tag: self._grids[tag].missing)
+        where = f"{self._tags[worst].node} the most, {self._grids[worst].missing} in all"
+        dropped = self._new("dropped", figures.dropped) if new else 0
+        why = _slow(dropped) if dropped else figures.doubt or _sends(figures)
+        return new, f"{new} samples are missing by their stamps, of {where}: {why}"
 
     def _look_for_missing(self, unknown: dict[int, str], valve: str) -> None:
         """Tell the tags that the server does not know, each or, where they are many, in a line."""
@@ -232,3 +234,13 @@ class OpcuaSourceNode(ValveNode):
                 f"{self._tags[first].node} ({unknown[first]})"
             )
         self.faults.look("input.missing", evidence, valve=valve, subject=self._given.address)
+
+
+def _slow(dropped: int) -> str:
+    text = f"{dropped} samples came faster than this node publishes: let the server sample slower"
+    return f"{text} (sampling_ms), or give the process more computing time"
+
+
+def _sends(figures: Figures) -> str:
+    every = f"the server sends every {figures.publishing_ms:g} ms"
+    return f"{every}: look at the load of PLC and network"

@@ -294,7 +294,7 @@ class TagSubscription:
 
         with suppress(ua.UaStatusCodeError):  # a server that does not tell has what it had
             array = client.get_node(ua.ObjectIds.Server_NamespaceArray)
-            uris = await asyncio.wait_for(array.read_value(), TIMEOUT_S)
+            uris = await array.read_value()
             self._spaces.see(uris if isinstance(uris, list) else [])
         found = {}
         for tag in tags:
