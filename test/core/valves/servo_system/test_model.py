@@ -15,8 +15,11 @@ from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.simulation import SimulatedValve, configure, to_frames
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus
+from valve_twin.core.valves.kit.tolerances import Tolerated
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 from valve_twin.core.valves.servo_system import model as servo_model
+from valve_twin.core.valves.servo_system.constants import VISCOSITY
+from valve_twin.core.valves.servo_system.constants import _contradiction as contradiction_of
 from valve_twin.core.valves.servo_system.fit import START, UNKNOWNS, rank
 from valve_twin.core.valves.servo_system.fit import _result as result_of
 from valve_twin.core.valves.servo_system.parameters import NAMES
@@ -189,6 +192,33 @@ def test_oil_of_another_temperature_is_told_by_its_own_cycle(estimate, share):
         off = abs(value.value - getattr(plant, value.name))
         assert off < 1.8 * half, value.name  # 3.5 standard errors
     assert found.value("viscosity") == pytest.approx(share * plant.viscosity, rel=0.03)
+
+
+@pytest.mark.no_cover
+def test_oil_of_another_temperature_refuses_no_cycle_that_tells_one_parameter_more(estimate):
+    """The constants are found anew then: a viscosity +20 % off was beyond its tolerance."""
+    plant = ServoSystemPlant()
+    now = record({"plant.viscosity": 1.2 * plant.viscosity}, seed=6)
+    name = "structural_damping"
+    kept = tuple(v for v in estimate.parameters if v.name != name)
+    (found,) = MODEL.estimate(now, OPTIONS, (replace(estimate, parameters=kept),))
+    assert found.status is EstimateStatus.ACCEPTED, found.reason
+    assert found.value("viscosity") == pytest.approx(1.2 * plant.viscosity, rel=0.03)
+    assert found.value(name) == pytest.approx(getattr(plant, name), rel=0.03)
+
+
+@pytest.mark.parametrize(("share", "told"), [(1.3, ""), (0.6, ""), (1.7, "viscosity +70 %")])
+def test_the_oil_s_temperature_is_no_contradiction(share, told):
+    unsure = Tolerated((VISCOSITY, "stroke"), np.array([0.1, 0.002]))
+    errors = np.array([0.01, 0.001])
+    assert told in (why := contradiction_of(np.array([share, 1.0]), errors, unsure))
+    assert bool(why) == bool(told)
+
+
+def test_a_constant_beside_the_viscosity_contradicts_as_before():
+    unsure = Tolerated((VISCOSITY, "stroke"), np.array([0.1, 0.002]))
+    why = contradiction_of(np.array([1.3, 1.02]), np.array([1e-3, 1e-3]), unsure)
+    assert "stroke +2 %" in why
 
 
 @pytest.mark.no_cover

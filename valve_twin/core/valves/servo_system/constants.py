@@ -17,12 +17,13 @@ import numpy as np
 from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import EstimateStatus, ParameterStatus, ParameterValue
-from valve_twin.core.valves.kit.tolerances import contradicted, limits
+from valve_twin.core.valves.kit.tolerances import Tolerated, contradicted, limits
 from valve_twin.core.valves.servo_system.fit import (
     START,
     STEPS,
     UNKNOWNS,
     WARMED,
+    WARMING,
     LoopProblem,
     rank,
 )
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.types import BoolArray, Estimate, FloatArray
-    from valve_twin.core.valves.kit.tolerances import Tolerated
     from valve_twin.core.valves.servo_system.fit import LoopFit
     from valve_twin.core.valves.servo_system.plant_kernel import Sensors
     from valve_twin.core.valves.servo_system.record import Record
@@ -307,7 +307,17 @@ def _told(
         limits=tuple(next(lines) if one else "" for one in free),
         due=True,
         parameters=base * z[:START],
-        contradiction=_refusal(contradicted(found, errors[UNKNOWNS:], unsure)),
+        contradiction=_contradiction(found, errors[UNKNOWNS:], unsure),
+    )
+
+
+def _contradiction(found: FloatArray, errors: FloatArray, constants: Tolerated) -> str:
+    """Return which constant lies beyond its tolerance, none by what the oil's temperature does."""
+    warm = (np.array(constants.names) == VISCOSITY) & (abs(found - 1.0) < NORMAL_975 * WARMING)
+    firm = np.flatnonzero(~warm)
+    names = tuple(constants.names[k] for k in firm)
+    return _refusal(
+        contradicted(found[firm], errors[firm], Tolerated(names, constants.widths[firm]))
     )
 
 
