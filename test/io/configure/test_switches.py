@@ -8,6 +8,7 @@ import pytest
 from test.io.configure.test_proposal import chain, value
 from test.io.configure.test_survey import STEP_S, survey
 from valve_twin.core.types import CycleRule
+from valve_twin.io.configure import switches
 from valve_twin.io.configure.switches import find_switches
 
 CYCLES = 12
@@ -71,3 +72,24 @@ def test_it_is_not_taken_for_limit_switches_what_is_none(tmp_path, wrong):
     else:
         given["Endlage Zu"] = 1.0 - 0.5 * (np.arange(len(rows)) % 100 < 60) * 2.0
     assert find_switches(survey(tmp_path / "a.csv", given)) is None
+
+
+def test_each_of_many_alarms_beside_them_is_looked_through_once(tmp_path, monkeypatch):
+    """A PLC writes dozens: of 24 there are 12144 ways to take three."""
+    rows = drive()
+    random = np.random.default_rng(3)
+    alarms = {f"alarm {k}": np.zeros(len(rows)) for k in range(24)}
+    for values in alarms.values():
+        values[random.integers(0, len(rows), 5)] = 1.0
+    looked: list[int] = []
+    rises = switches._rises
+
+    def counted(values):
+        looked.append(len(values))
+        return rises(values)
+
+    monkeypatch.setattr(switches, "_rises", counted)
+    found = find_switches(survey(tmp_path / "a.csv", columns(rows) | alarms))
+    assert found is not None
+    assert found[1].channel == "Endlage Auf + Endlage Zu"
+    assert len(looked) <= len(alarms) + 4

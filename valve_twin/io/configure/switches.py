@@ -66,10 +66,15 @@ def find_switches(survey: Survey) -> tuple[Survey, Repeat] | None:
     counts = {len(v) for v in binary.values()}
     if measured or len(binary) < len(Switches._fields) or len(counts) > 1:
         return None
+    rises = {k: _rises(v) for k, v in binary.items()}
+    moved = {k: v for k, v in binary.items() if len(rises[k]) >= _LEAST_STROKES}
     found = [
-        (late, Switches(*names))
-        for names in permutations(binary, len(Switches._fields))
-        if (late := _delay(*(binary[k] for k in names))) is not None
+        (late, Switches(command, there, back))
+        for there, back in permutations(moved, 2)
+        if float(np.mean((moved[there] > 0.0) & (moved[back] > 0.0))) <= _BOTH
+        for command in moved.keys() - {there, back}
+        if (late := _delay(moved[command], *(rises[k] for k in (command, there, back))))
+        is not None
     ]
     models = [m for m in map(get_model, model_names()) if not m.inputs]
     if not found or not models:
@@ -96,13 +101,10 @@ def _rises(values: FloatArray) -> IntArray:
     return np.flatnonzero(np.diff(values) > 0.0) + 1
 
 
-def _delay(command: FloatArray, there: FloatArray, back: FloatArray) -> float | None:
+def _delay(
+    command: FloatArray, asked: IntArray, reached: IntArray, left: IntArray
+) -> float | None:
     """Return how long after its command an end is reached [samples], None = it is not one's."""
-    if float(np.mean((there > 0.0) & (back > 0.0))) > _BOTH:
-        return None
-    asked, reached, left = _rises(command), _rises(there), _rises(back)
-    if min(len(asked), len(reached), len(left)) < _LEAST_STROKES:
-        return None
     at = np.searchsorted(asked, reached, side="left") - 1
     turns = np.count_nonzero(np.diff(at) == 1) + 1
     driven = command[np.maximum(reached - 1, 0)] > 0.0
