@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from valve_twin.nodes.opcua_source.namespaces import Namespaces
+from valve_twin.report.language.words import sentence, words
 
 STANDARD, OWN, A, B, C = "http://opcfoundation.org/UA/", "urn:plc", "urn:a", "urn:b", "urn:c"
 
@@ -32,6 +33,10 @@ def test_a_namespace_that_is_gone_has_no_index_whoever_has_it_now():
         found = seen([STANDARD, OWN, A], [*now])
         assert found.index(2) is None
         assert found.moved(2) == f"the namespace urn:a is gone, ns=2 is {who} now"
+        filed = f"/press/x: the server has no tag ns=2;i=7 ({found.moved(2)})"
+        gone = f"den Namensraum urn:a gibt es nicht mehr, ns=2 ist nun {who}"
+        told = f"/press/x: der Server hat keinen Tag ns=2;i=7 ({gone})"
+        assert sentence(filed, words("de")) == told.replace("nothing", "nichts")
     found.see([STANDARD, OWN, C, A])
     assert found.index(2) == 3
     found.see([STANDARD, OWN, A])

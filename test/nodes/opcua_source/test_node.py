@@ -22,6 +22,7 @@ from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.history.store import History
 from valve_twin.nodes.opcua_source.node import OpcuaSourceNode
 from valve_twin.nodes.runtime.stamps import from_time
+from valve_twin.report.language.words import sentence, words
 
 TOPIC = f"/plc{NS}/position"
 HOUR_NS = 3600 * 10**9
@@ -116,6 +117,7 @@ def test_what_the_node_does_not_take_in_time_is_told_as_a_loss(graph, plc):
     graph.spin_until(lambda: lost(node) == 5, what="a word")
     (fault,) = (f for f in node.faults.faults() if f.kind.code == "input.loss")
     assert "5 samples came faster than this node publishes" in fault.evidence
+    assert "lang=" not in sentence(fault.evidence, words("de"))
 
 
 def test_where_stamps_tell_what_is_missing_samples_not_taken_in_time_are_among_it(graph, plc):
@@ -129,6 +131,7 @@ def test_where_stamps_tell_what_is_missing_samples_not_taken_in_time_are_among_i
     (fault,) = (f for f in node.faults.faults() if f.kind.code == "input.loss")
     assert fault.events == 5
     assert fault.evidence.endswith("or give the process more computing time")
+    assert "lang=" not in sentence(fault.evidence, words("de"))
     grid.missing = 8
     graph.spin_until(lambda: lost(node) == 8, what="what the network lost")
     (fault,) = (f for f in node.faults.faults() if f.kind.code == "input.loss")
@@ -144,6 +147,7 @@ def test_stamps_that_go_back_are_told_and_a_clock_that_was_set_once_is_not(graph
     graph.spin_until(lambda: figures[counted] == "9", what="a count")
     (fault,) = (f for f in node.faults.faults() if f.kind.code == "stamps.late")
     assert "of ns=1;s=tag1 the most, 8 in all" in fault.evidence
+    assert "lang=" not in sentence(fault.evidence, words("de"))
 
 
 def test_a_message_that_cannot_be_read_is_told_as_a_loss(graph, plc):
