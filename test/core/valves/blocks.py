@@ -15,6 +15,9 @@ from valve_twin.core.types import Restart
 if TYPE_CHECKING:
     from valve_twin.core.types import ByteArray, FloatArray
 
+_UNWRITTEN = 99
+"""What no sample holds that a model has predicted."""
+
 
 def marked(count, codes=None) -> ByteArray:
     """Return the restart marks of `count` samples: a gap before the first, others as told."""
@@ -30,11 +33,13 @@ def predict(
     """Predict samples in blocks cut where told; return prediction, free run and validity."""
     position = frames.position if position is None else position
     inputs, count = np.ascontiguousarray(frames.inputs), len(position)
-    state, validity = model.initial_state(), np.full(count, 99, np.uint8)
-    predicted, simulated = np.full((2, count), -1.0)
+    state, validity = model.initial_state(), np.full(count, _UNWRITTEN, np.uint8)
+    predicted, simulated = np.full((2, count), float(_UNWRITTEN))
     for a, b in pairwise((0, *sorted(cuts), count)):
         given = position[a:b], inputs[a:b], restart[a:b]
         model.predict(state, coefficients, *given, predicted[a:b], simulated[a:b], validity[a:b])
+    for written in (predicted, simulated, validity):  # else equal blocks would say nothing
+        assert not np.any(written == _UNWRITTEN)
     return predicted, simulated, validity
 
 
