@@ -15,10 +15,10 @@ from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.simulation import SimulatedValve, configure, to_frames
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus
-from valve_twin.core.valves.kit.tolerances import Tolerated
+from valve_twin.core.valves.kit.tolerances import Tolerated, tolerated
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 from valve_twin.core.valves.servo_system import model as servo_model
-from valve_twin.core.valves.servo_system.constants import VISCOSITY
+from valve_twin.core.valves.servo_system.constants import VISCOSITY, recall
 from valve_twin.core.valves.servo_system.constants import _contradiction as contradiction_of
 from valve_twin.core.valves.servo_system.fit import START, UNKNOWNS, rank
 from valve_twin.core.valves.servo_system.fit import _result as result_of
@@ -213,6 +213,18 @@ def test_the_oil_s_temperature_is_no_contradiction(share, told):
     errors = np.array([0.01, 0.001])
     assert told in (why := contradiction_of(np.array([share, 1.0]), errors, unsure))
     assert bool(why) == bool(told)
+
+
+def test_the_viscosity_is_as_sure_where_the_constants_are_published_again(estimate):
+    """Its error of the cycle before was added to its own, in each 26th cycle."""
+    unsure, since = tolerated(OPTIONS), replace(estimate, parameters=estimate.parameters[:1])
+    shown = []
+    for count in (1, 30):
+        known = recall((estimate, *[since] * count), unsure, OPTIONS)
+        assert known.due == (count == 30)
+        found = {p.name: p for p in known.published((0.0, 0.01))}
+        shown.append(found[VISCOSITY])
+    assert shown[0] == shown[1]
 
 
 def test_a_constant_beside_the_viscosity_contradicts_as_before():

@@ -172,13 +172,18 @@ def recall(earlier: Sequence[Estimate], constants: Tolerated, options: object) -
     return Known(
         constants=constants,
         found=np.array([p.value for p in known if p]) / values,
-        errors=np.array([p.standard_error for p in known if p]) / np.abs(values),
+        errors=np.array([_kept_error(p) for p in known if p]) / np.abs(values),
         alike=np.array([_alike(p) if p else np.nan for p in told]),
         limits=tuple(p.reason if p else "" for p in told),
         due=age >= _REPEATED,
         options=values,
         parameters=np.array([p.value if p else np.nan for p in told]),
     )
+
+
+def _kept_error(p: ParameterValue) -> float:
+    """Return the standard error of a constant [its unit]; every cycle has its own viscosity."""
+    return 0.0 if p.name == VISCOSITY else p.standard_error
 
 
 def _alike(p: ParameterValue) -> float:
