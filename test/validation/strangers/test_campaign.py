@@ -41,7 +41,12 @@ def test_the_first_table_is_of_the_frozen_seeds(committed):
 
 @pytest.mark.parametrize(
     ("name", "base", "count"),
-    [("thirteenth", 94_000, 400), ("fourteenth", 99_500, 200), ("sixteenth", 103_000, 200)],
+    [
+        ("thirteenth", 94_000, 400),
+        ("fourteenth", 99_500, 200),
+        ("sixteenth", 103_000, 200),
+        ("eighteenth", 110_000, 200),
+    ],
 )
 def test_the_newest_tables_are_of_lists_of_their_own(committed, name, base, count):
     newest = committed[name]
