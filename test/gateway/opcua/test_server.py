@@ -28,6 +28,7 @@ import pytest
 pytest.importorskip("asyncua", reason="needs the extra gateway")
 
 from asyncua import Client, ua
+from asyncua.client.ua_client import UaClient
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from test.gateway.test_web import HOSTILE, store
@@ -54,6 +55,30 @@ PLATE = """\
     aging: {stroke_test_days: 30.0}
     nameplate: {tag: FV-1205, serial: "0815", maker: ACME, place: hall 3}
 """
+
+
+@pytest.fixture(autouse=True)
+def nothing_left_open(monkeypatch):
+    """Let go at the end of all that a client connected to.
+
+    asyncua keeps a connection open that it took for dead while the machine was busy.
+    """
+    made: dict[UaClient, list[Any]] = {}
+    make, disconnect = UaClient._make_protocol, UaClient.disconnect_socket
+
+    def noted(client):
+        protocol = make(client)
+        made.setdefault(client, []).append(protocol)
+        return protocol
+
+    def let_go(client):
+        disconnect(client)
+        for protocol in made.pop(client, ()):
+            if protocol.transport is not None:
+                protocol.transport.abort()
+
+    monkeypatch.setattr(UaClient, "_make_protocol", noted)
+    monkeypatch.setattr(UaClient, "disconnect_socket", let_go)
 
 
 class Server:
