@@ -32,6 +32,25 @@ def full_disk(room: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
+def test_what_is_written_is_on_the_disk_before_it_gets_the_name(tmp_path, monkeypatch):
+    done: list[str] = []
+    sync, replace = os.fsync, os.replace
+
+    def synced(file: int) -> None:
+        done.append("fsync")
+        sync(file)
+
+    def replaced(part: Path, target: Path) -> None:
+        done.append("replace")
+        replace(part, target)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", replaced)
+    write_whole(tmp_path / "a.txt", "content")
+    assert done == ["fsync", "replace"]
+    assert (tmp_path / "a.txt").read_text() == "content"
+
+
 def test_a_full_disk_leaves_what_was_there_and_nothing_else(tmp_path):
     path = tmp_path / "a.txt"
     write_whole(path, "before")
@@ -43,12 +62,12 @@ def test_a_full_disk_leaves_what_was_there_and_nothing_else(tmp_path):
 
 
 def test_a_read_only_folder_is_told_with_the_file_that_was_asked_for(tmp_path, monkeypatch):
-    def refuse(self: Path, data: bytes) -> int:
-        del data
+    def refuse(self: Path, mode: str) -> None:
+        del mode
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(self))
 
     path = tmp_path / "a.txt"
-    monkeypatch.setattr(Path, "write_bytes", refuse)
+    monkeypatch.setattr(Path, "open", refuse)
     with pytest.raises(OSError, match="Read-only") as caught:
         write_whole(path, "x")
     assert caught.value.filename == str(path)

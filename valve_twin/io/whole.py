@@ -60,7 +60,10 @@ def _put(target: Path, data: bytes) -> bool:
     """Put a file in its place; return whether the system let it."""
     part = target.with_name(f".{target.name[:_SHOWN]}.{os.getpid()}.part")
     try:
-        part.write_bytes(data)
+        with part.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())  # else a power cut may leave the name with nothing behind it
         if target.exists():
             shutil.copymode(target, part)
         os.replace(part, target)

@@ -12,8 +12,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import os
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +19,7 @@ from typing import TYPE_CHECKING
 from valve_twin import __version__
 from valve_twin.io.bags.read import bag_files
 from valve_twin.io.errors import ValveTwinError
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     from valve_twin.io.config.valve import ValveConfig
@@ -157,10 +156,10 @@ class Results:
         lines.unlink(missing_ok=True)
         data = result.text.encode()
         if not result.error:
-            _write_whole(lines, data)
+            write_whole(lines, data)
         content = {k: v for k, v in dataclasses.asdict(result).items() if k not in _NOT_STORED}
         content |= {"recipe": _recipe(task), "bytes": len(data)}
-        _write_whole(mark, (json.dumps(content, indent=1) + "\n").encode())
+        write_whole(mark, (json.dumps(content, indent=1) + "\n").encode())
 
 
 _NOT_STORED = ("text", "kept")
@@ -178,17 +177,3 @@ def _restored(stored: dict[str, object]) -> BagResult:
         if isinstance(value, list):
             values[name] = tuple(tuple(v) if isinstance(v, list) else v for v in value)
     return BagResult(**values)  # type: ignore[arg-type]
-
-
-def _write_whole(path: Path, data: bytes) -> None:
-    partial = path.with_name(f".{path.name}.part")
-    try:
-        with partial.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except OSError as err:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)  # on a full disk others need its room
-        raise OSError(err.errno, err.strerror or str(err), str(path)) from err
