@@ -332,10 +332,7 @@ def _usable_series(before: Sequence[Estimate]) -> dict[str, list[float]]:
     for estimate in before:
         for p in estimate.parameters:
             if p.status is ParameterStatus.OK:
-                try:
-                    found[p.name].append(p.value)
-                except KeyError:
-                    found[p.name] = [p.value]
+                found.setdefault(p.name, []).append(p.value)
     return found
 
 

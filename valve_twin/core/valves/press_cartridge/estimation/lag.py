@@ -31,7 +31,9 @@ from valve_twin.core.valves.press_cartridge.estimation.regression import (
     TERMS,
     Gram,
     gram,
+    gram_kernel,
     mean_square_error,
+    residual_kernel,
     usable_rows,
 )
 from valve_twin.core.valves.press_cartridge.estimation.solvers.small_qp import SOLVED, solve_small
@@ -153,52 +155,22 @@ def _solve_lags(
 ) -> int:
     """Fill the mean squared error of QP4, (L,), up to a lag that cannot be verified; return it."""
     theta, active = np.empty(4), np.empty(len(bound), dtype=np.bool_)
-    matrix, vector = np.zeros((4, 4)), np.zeros(4)
+    terms = np.zeros(TERMS)
+    four, its = np.empty((4, 4)), np.empty(4)
     for lag in range(len(mse)):
-        power = _four_terms(x, inputs, rows, lag, matrix, vector)
-        found, _, kkt = solve_small(matrix, vector, power, limits, bound, theta, active)
+        matrix, vector = np.zeros((TERMS, TERMS)), np.zeros(TERMS)
+        power = gram_kernel(x, inputs, rows, lag, matrix, vector)
+        for i in range(4):
+            its[i] = vector[_FOUR[i]]
+            for j in range(4):
+                four[i, j] = matrix[_FOUR[i], _FOUR[j]]
+        found, _, kkt = solve_small(four, its, power, limits, bound, theta, active)
         if found != SOLVED or not kkt <= VERIFIED:
             return lag
-        total = 0.0
-        for n in rows:
-            vi, vo = inputs[n - lag, 0], inputs[n - lag, 1]
-            r = x[n] - 2.0 * x[n - 1] + x[n - 2]
-            flow = theta[0] * (x[n - 1] - x[n - 2]) + vi * theta[1]
-            r -= flow + vo * (theta[2] + theta[3] * vo)
-            total += r * r
-        mse[lag] = total / len(rows)
-    return len(mse)
-
-
-@njit(cache=True)
-def _four_terms(
-    x: FloatArray,
-    inputs: FloatArray,
-    rows: IntArray,
-    lag: int,
-    matrix: FloatArray,
-    vector: FloatArray,
-) -> float:
-    """Fill the normal equations of QP4, the sums of `regression.gram`; return the sum of y^2."""
-    u = np.empty(4)
-    matrix[:, :] = 0.0
-    vector[:] = 0.0
-    power = 0.0
-    for n in rows:
-        u[0] = x[n - 1] - x[n - 2]
-        u[1] = inputs[n - lag, 0]
-        u[2] = inputs[n - lag, 1]
-        u[3] = u[2] * u[2]
-        y = x[n] - 2.0 * x[n - 1] + x[n - 2]
-        power += y * y
         for i in range(4):
-            vector[i] += u[i] * y
-            for j in range(i + 1):
-                matrix[i, j] += u[i] * u[j]
-    for i in range(4):
-        for j in range(i):
-            matrix[j, i] = matrix[i, j]
-    return power
+            terms[_FOUR[i]] = theta[i]
+        mse[lag] = residual_kernel(x, inputs, rows, lag, terms) / len(rows)
+    return len(mse)
 
 
 def _fresh_pairs(frames: Frames, masks: Masks, max_lag: int) -> tuple[IntArray, IntArray]:

@@ -123,7 +123,7 @@ def gram(frames: Frames, rows: IntArray, lag: int) -> Gram:
     """
     matrix, vector = np.zeros((TERMS, TERMS)), np.zeros(TERMS)
     x = np.ascontiguousarray(frames.position)
-    power = _gram_kernel(x, np.ascontiguousarray(frames.inputs), rows, lag, matrix, vector)
+    power = gram_kernel(x, np.ascontiguousarray(frames.inputs), rows, lag, matrix, vector)
     return Gram(matrix, vector, float(power), len(rows))
 
 
@@ -144,11 +144,11 @@ def mean_square_error(frames: Frames, rows: IntArray, lag: int, theta: FloatArra
         return float("nan")
     x = np.ascontiguousarray(frames.position)
     inputs = np.ascontiguousarray(frames.inputs)
-    return float(_residual_kernel(x, inputs, rows, lag, theta)) / len(rows)
+    return float(residual_kernel(x, inputs, rows, lag, theta)) / len(rows)
 
 
 @njit(cache=True)
-def _gram_kernel(
+def gram_kernel(
     x: FloatArray,
     inputs: FloatArray,
     rows: IntArray,
@@ -156,7 +156,21 @@ def _gram_kernel(
     matrix: FloatArray,
     vector: FloatArray,
 ) -> float:
-    """Fill the normal equations; returns the sum of y^2."""
+    """Fill the normal equations of all eight terms; return the sum of y^2.
+
+    Parameters
+    ----------
+    x : (N,) array
+        Position [1].
+    inputs : (N, 2) array
+        Commands [1].
+    rows : (R,) int64 array
+        Rows to use, each at least max(2, lag).
+    lag : int
+        Command to position lag [samples].
+    matrix, vector : (8, 8) array, (8,) array
+        Zeros, to which the sums are added [1].
+    """
     u, on = np.empty(8), np.empty(8, np.int64)
     power = 0.0
     for n in rows:
@@ -192,10 +206,18 @@ def _gram_kernel(
 
 
 @njit(cache=True)
-def _residual_kernel(
+def residual_kernel(
     x: FloatArray, inputs: FloatArray, rows: IntArray, lag: int, theta: FloatArray
 ) -> float:
-    """Return the sum of (y - theta . u)^2."""
+    """Return the sum of (y - theta . u)^2 [1].
+
+    Parameters
+    ----------
+    x, inputs, rows, lag : (N,) array, (N, 2) array, (R,) int64 array, int
+        Same as `gram_kernel` takes.
+    theta : (8,) array
+        Parameters [1].
+    """
     power = 0.0
     for n in rows:
         dx = x[n - 1] - x[n - 2]
