@@ -23,7 +23,9 @@ from test.nodes.conftest import NS
 from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.cdr.codec import encode_stamped
+from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.reader import McapFile
+from valve_twin.io.playback.reel import Reel
 from valve_twin.nodes.player.node import BagPlayerNode
 from valve_twin.nodes.runtime.stamps import from_time
 
@@ -480,6 +482,36 @@ def test_an_inactive_player_goes_on_where_it_was(graph, bag):
     player.trigger_activate()
     listener.until(300)
     assert listener.values == [float(i) for i in range(300)]
+
+
+def test_a_bag_that_is_deleted_plays_on_and_one_that_cannot_be_read_on_is_let_go(
+    graph, tmp_path, monkeypatch, capfd
+):
+    bag = write(tmp_path / "bag", 100)
+    listener = Listener(graph)
+    player = graph.host(BagPlayerNode, bag=bag, wait_for_subscribers=1, start_paused=True)
+
+    def asked() -> bool:
+        return bool(graph.call(srv.Burst, f"{PLAYER}/burst", num_messages=5).actually_burst == 5)
+
+    graph.spin_until(asked, what="a burst")  # it begins when it has met its subscribers
+    (Path(bag) / "metadata.yaml").unlink()
+    (file,) = Path(bag).glob("*.mcap")
+    file.unlink()
+    assert not graph.call(srv.Seek, f"{PLAYER}/seek", time=time_of(at(3))).success
+    assert "not sought: " in capfd.readouterr().err
+    graph.call(srv.Burst, f"{PLAYER}/burst", num_messages=10)
+    listener.until(15)
+    assert listener.values == [float(i) for i in range(15)]
+
+    def refuse(_: Reel) -> None:
+        msg = "cut while it was read"
+        raise BagError(msg)
+
+    monkeypatch.setattr(Reel, "_following", refuse)
+    graph.call(srv.Resume, f"{PLAYER}/resume")
+    graph.spin_until(lambda: player.state == "unconfigured", what="the end")
+    assert "stopped: cut while it was read" in capfd.readouterr().err
 
 
 def test_a_late_subscriber_gets_the_state(graph, bag):

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import mmap
 import struct
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ from valve_twin.io.mcap.format import (
     Op,
 )
 from valve_twin.io.mcap.index_check import Flaw, find_flaw
+from valve_twin.io.mcap.mapped import MappedFile
 from valve_twin.io.mcap.summary import Summary, contradiction, records_of
 
 if TYPE_CHECKING:
@@ -36,12 +36,6 @@ if TYPE_CHECKING:
     from valve_twin.core.types import ByteArray
     from valve_twin.io.mcap.damage import Salvage
 
-
-_FOREIGN = {
-    b"SQLite format 3": "a SQLite bag; convert it to MCAP with 'ros2 bag convert'",
-    b"#ROSBAG V": "a ROS 1 bag; convert it to a ROS 2 MCAP bag with 'rosbags-convert'",
-    b"\x28\xb5\x2f\xfd": "compressed as a whole file; unpack it with 'zstd -d'",
-}
 
 _MODEST = 1 << 24
 _CHUNK_HEAD = struct.Struct("<QQQII")
@@ -100,7 +94,8 @@ class McapFile:
         self.damage = salvaged
         self._kept = set() if salvaged is None else {c.offset for c in salvaged.summary.chunks}
         self._salvage = salvage
-        self._map = _open(path)
+        self._file = MappedFile(path)
+        self._map = self._file.data
         self._view = memoryview(self._map)
         self.content: ByteArray = np.frombuffer(self._view, dtype=np.uint8)
         self._compared: set[int] = set()
@@ -121,7 +116,11 @@ class McapFile:
         return DamagedError(f"{self.path}: the summary is damaged ({err}); {_RECOVER}")
 
     def _salvaged(self, err: BagError) -> Salvage:
-        """Return what is intact of the file; raise the error where nothing is."""
+        """Return what is intact of the file; raise the error where nothing is.
+
+        What is intact is read by the name: it has to lead to the same file still.
+        """
+        self._file.check_same()
         found = None if self._salvage is None else self._salvage(self.path)
         if found is None or (not found.rescued and not found.summary.chunks):
             self.close()
@@ -226,6 +225,7 @@ class McapFile:
 
     def _unpacked(self, index: ChunkIndex) -> bytes | memoryview:
         """Return the records of a chunk as it stands in the file."""
+        self._file.check_whole()
         try:
             op, length, start_ns, end_ns, size, crc, named = _WHOLE_HEAD.unpack_from(
                 self._view, index.offset
@@ -361,38 +361,6 @@ class McapFile:
                 if op != Op.MESSAGE:
                     summary.add(op, records[begin:stop])
         return summary
-
-
-def _open(path: Path) -> mmap.mmap:
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(16)
-            if not path.stat().st_size:
-                msg = f"{path}: the file is empty; nothing was recorded"
-                raise BagError(msg)
-            data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-    except FileNotFoundError:
-        msg = f"{path}: there is no such file; give a bag folder, a metadata.yaml or an .mcap file"
-        raise BagError(msg) from None
-    except OSError as err:
-        msg = f"{path}: cannot be read ({err.strerror}); check the path and its permissions"
-        raise BagError(msg) from err
-    problem = _foreign(head, data)
-    if problem:
-        data.close()
-        msg = f"{path}: {problem}"
-        raise BagError(msg)
-    return data
-
-
-def _foreign(head: bytes, data: mmap.mmap) -> str:
-    for magic, what in _FOREIGN.items():
-        if head.startswith(magic):
-            return f"is no MCAP file but {what}"
-    same = sum(a == b for a, b in zip(head, MAGIC, strict=False))
-    if same < min(len(head), len(MAGIC)) - 1 and data[-len(MAGIC) :] != MAGIC:
-        return "is no MCAP file; give a bag that a ROS 2 recorder wrote with MCAP storage"
-    return ""
 
 
 def _metadata_places(tail: bytes) -> dict[str, tuple[int, int]]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from valve_twin.io.errors import IndexLiesError
+from valve_twin.io.errors import BagError, IndexLiesError
 from valve_twin.io.playback.player import BagMessage, BagTopic, latched_before, read_messages
 
 if TYPE_CHECKING:
@@ -59,12 +59,18 @@ class Reel:
         self.next = self._note(next(self._messages, None))
 
     def go(self, part: Stretch) -> None:
-        """Play another part from its beginning."""
-        self.close()
-        self.part = part
-        self._read, self._newest_ns = 0, -1
-        self._messages = self._open()
-        self.next = self._following()
+        """Play another part from its beginning; where it cannot be read, all stays as it was."""
+        before = self.part, self._messages, self._read, self._newest_ns
+        self.part, self._read, self._newest_ns = part, 0, -1
+        try:
+            self._messages = self._open()
+            self.next = self._following()
+        except BagError:
+            self.part, self._messages, self._read, self._newest_ns = before
+            raise
+        self._taken = self._behind = None
+        if before[1] is not None:
+            before[1].close()
 
     def _open(self) -> Generator[BagMessage, None, None]:
         """Read the part; a bag that states wrong times may begin earlier and end later."""

@@ -11,7 +11,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.io.config.node_parameters import BagPlayerParameters
-from valve_twin.io.errors import IndexLiesError, ValveTwinError
+from valve_twin.io.errors import BagError, IndexLiesError, ValveTwinError
 from valve_twin.io.playback.player import bag_topics
 from valve_twin.nodes.player.playback import Phase, Playback
 from valve_twin.nodes.player.publishers import PlayerPublishers
@@ -144,12 +144,17 @@ class BagPlayerNode(ValveNode):
             self._unless_refused(self._player_publishers.check)
 
     def _unless_refused(self, action: Callable[[], None]) -> None:
-        """Do it; a bag that cannot be read on or a real valve that came into reach ends it all."""
+        """Do it; a bag that cannot be read on or a real valve that came into reach ends it all.
+
+        Such a bag is let go, too: whoever activates again would get the end of it in silence.
+        """
         try:
             action()
         except ValveTwinError as err:
             self.get_logger().error(f"stopped: {err}")
             self.trigger_deactivate()
+            if isinstance(err, BagError):
+                self.trigger_cleanup()
             if self._given.exit_at_end:
                 self.exit_code = 1
 

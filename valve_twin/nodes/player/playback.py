@@ -263,7 +263,11 @@ class Playback:
         is_inside = self._settings.whole.begin_ns <= at_ns <= end_ns
         if self.phase in (Phase.CLOSED, Phase.STOPPED) or not is_inside:
             return False
-        self._go(Stretch(at_ns, end_ns))
+        try:
+            self._go(Stretch(at_ns, end_ns))
+        except BagError as err:
+            self._say(f"not sought: {err}")
+            return False
         return True
 
     def play(self, offset_ns: int, duration_ns: int, until_ns: int) -> bool:
@@ -286,13 +290,12 @@ class Playback:
         if self.phase not in (Phase.ENDED, Phase.STOPPED):
             return False
         try:
-            part = self._settings.part_from(offset_ns, duration_ns, until_ns)
+            self._go(self._settings.part_from(offset_ns, duration_ns, until_ns))
         except BagError as err:
             self._say(f"not played: {err}")
             return False
         self.played = self._round_began = 0
         self.is_paused = False
-        self._go(part)
         return True
 
     def stop(self) -> None:
