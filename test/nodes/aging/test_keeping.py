@@ -148,6 +148,24 @@ def test_a_folder_that_somebody_removed_is_made_anew(graph, twin, tmp_path):
     assert 1 not in twin.asked
 
 
+def test_a_folder_that_cannot_be_made_at_the_start_keeps_nobody_from_starting(
+    graph, twin, tmp_path, capfd
+):
+    """The monitor stayed unconfigured for good; what is kept saves asking and decides nothing."""
+    folder = tmp_path / "state"
+    folder.write_text("in the way of a folder")
+    node, valve = start(graph, folder)
+    assert said(valve.assessment) == expected(twin)
+    told = capfd.readouterr().err
+    assert (
+        told.count(f"state_folder {folder}: File exists: nothing is kept for the next start") == 1
+    )
+    folder.unlink()
+    node.trigger_deactivate()
+    graph.spin_until(lambda: "what is known is kept again" in capfd.readouterr().err, what="it")
+    assert list(folder.glob("aging*"))
+
+
 def test_what_could_not_be_written_is_tried_again_soon_and_at_the_end(tmp_path, monkeypatch, root):
     """It was not tried at the end, and before that only after 200 estimates more."""
     room = False

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.past.stored import freeze
-from valve_twin.io.errors import ConfigError, StoreError
+from valve_twin.io.errors import StoreError
 from valve_twin.io.history.aging.file import load, origin_of, pack, write
 
 if TYPE_CHECKING:
@@ -46,22 +46,26 @@ class Keeper:
     config : ValveConfig
         The valve.
 
-    Raises
-    ------
-    ConfigError
-        If there can be no such folder.
+    Attributes
+    ----------
+    trouble : str
+        Why the folder cannot be used now, empty where it can: what is known is kept all the same
+        as soon as it can be.
     """
 
     def __init__(self, folder: str, config: ValveConfig) -> None:
         self._config, self._kept, self._written = config, 0, 0
         self._path: Path | None = None
+        self.trouble = ""
         if folder:
             place = Path(folder).absolute()
             try:
                 place.mkdir(parents=True, exist_ok=True)
             except OSError as err:
-                msg = f"state_folder {place}: {err.strerror}: name a folder that can be written"
-                raise ConfigError(msg) from err
+                self.trouble = (
+                    f"state_folder {place}: {err.strerror}: nothing is kept for the next start "
+                    "meanwhile: make it a folder that can be written"
+                )
             self._path = place / f"aging{config.name.replace('/', '.')}"
 
     def load(self, tell: Callable[[str], object]) -> Known | None:
@@ -72,6 +76,8 @@ class Keeper:
         tell : callable
             Gets one line where it is of no use.
         """
+        if self.trouble:
+            tell(self.trouble)
         if self._path is None:
             return None
         try:

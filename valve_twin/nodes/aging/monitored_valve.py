@@ -77,7 +77,8 @@ class MonitoredValve:
         self._busy = False
         self._keeper = keeper
         self.assessment: Assessment | None = None
-        self.failure = self._told = self._unkept = ""
+        self.failure = self._told = ""
+        self._unkept = keeper.trouble
         self.assess_s = 0.0
         self._trends: dict[str, Any] = {}
         base = self.name
