@@ -130,6 +130,7 @@ def test_below_the_floor_it_stops_and_goes_on_when_there_is_space(tmp_path):
     clock.now = 2.0
     recording.tick()
     assert recording.trouble == ""
+    assert recording.missed == 20
     recording.write([message(i) for i in range(30, 35)])
     recording.close()
     assert recording.counts == {"/a": 15}
@@ -138,27 +139,107 @@ def test_below_the_floor_it_stops_and_goes_on_when_there_is_space(tmp_path):
         assert [t // PERIOD_NS for _, t, _ in reader.messages()] == [*range(10), *range(30, 35)]
 
 
+def interrupted(tmp_path, harm):
+    """Record 30 messages; somebody does harm after 10, which the flush after 20 notices."""
+    clock, told = Clock(), list[str]()
+    events = FileEvents(on_gone=told.append)
+    recording = opened(tmp_path / "bag", clock=clock, events=events)
+    for part in range(3):
+        recording.write([message(10 * part + i) for i in range(10)])
+        clock.now += 0.5
+        if part == 0:
+            recording.tick()
+            harm(tmp_path / "bag")
+        recording.tick()
+        assert recording.trouble == ""
+    recording.close()
+    return recording, told
+
+
 @pytest.mark.parametrize("target", ["bag_0.mcap", "."])
-def test_what_somebody_deletes_is_noticed_and_recording_goes_on(tmp_path, target):
+def test_what_somebody_deletes_is_noticed_counted_and_recording_goes_on(tmp_path, target):
+    def harm(bag):
+        shutil.rmtree(bag) if target == "." else (bag / target).unlink()
+
+    recording, told = interrupted(tmp_path, harm)
+    first = tmp_path / "bag" / "bag_0.mcap"
+    assert told == [
+        f"{first}: somebody deleted the file while 20 messages were in it: they count as lost"
+    ]
+    assert recording.files == ("bag_1.mcap",)
+    assert values(tmp_path / "bag" / "bag_1.mcap") == list(range(20, 30))
+    assert recording.counts == {"/a": 10}
+    assert recording.lost == {"/a": 20}
+    assert metadata(tmp_path / "bag")["relative_file_paths"] == ["bag_1.mcap"]
+
+
+def test_what_somebody_cuts_is_noticed_counted_and_recording_goes_on(tmp_path):
+    recording, told = interrupted(tmp_path, lambda bag: os.truncate(bag / "bag_0.mcap", 100))
+    assert len(told) == 1
+    assert "somebody cut the file while 20 messages were in it: they count as lost" in told[0]
+    assert values(tmp_path / "bag" / "bag_1.mcap") == list(range(20, 30))
+    assert recording.lost == {"/a": 20}
+    assert metadata(tmp_path / "bag")["relative_file_paths"] == ["bag_0.mcap", "bag_1.mcap"]
+
+
+def moved_away(bag):
+    bag.rename(bag.with_name("elsewhere"))
+
+
+def replaced_by_an_empty_one(bag):
+    moved_away(bag)
+    bag.mkdir()
+    (bag / "mine.txt").write_text("nothing of a bag")
+
+
+def replaced_by_another_bag(bag):
+    other = opened(bag.with_name("other"))
+    other.write([message(99)])
+    other.close()
+    moved_away(bag)
+    bag.with_name("other").rename(bag)
+
+
+@pytest.mark.parametrize("harm", [moved_away, replaced_by_an_empty_one, replaced_by_another_bag])
+def test_a_folder_that_is_moved_or_replaced_costs_no_message(tmp_path, harm):
+    recording, told = interrupted(tmp_path, harm)
+    assert "or another one has its name while 20 messages were in it: it is" in told[0]
+    assert values(tmp_path / "elsewhere" / "bag_0.mcap") == list(range(20))
+    assert recording.lost == {"/a": 0}
+    if harm is not replaced_by_another_bag:
+        assert values(tmp_path / "bag" / "bag_1.mcap") == list(range(20, 30))
+        assert metadata(tmp_path / "bag")["message_count"] == 10
+        return
+    bag, later = tmp_path / "bag", tmp_path / "bag_002"
+    assert told[1:] == [f"{bag}: another bag took its place: recording to {later}"]
+    assert recording.path == later
+    assert values(tmp_path / "bag_002" / "bag_002_0.mcap") == list(range(20, 30))
+    assert metadata(tmp_path / "bag_002")["message_count"] == 10
+    assert metadata(tmp_path / "bag")["message_count"] == 1  # nobody wrote there
+
+
+def test_a_disk_that_comes_back_with_its_files_is_the_same_bag(tmp_path):
+    def harm(bag):
+        shutil.copytree(bag, bag.with_name("copy"))
+        shutil.rmtree(bag)
+
     clock = Clock()
-    recording = opened(tmp_path / "bag", clock=clock)
+    recording = opened(tmp_path / "bag", clock=clock, split=SplitRule(keep=9))
     recording.write([message(0)])
-    if target == ".":
-        shutil.rmtree(tmp_path / "bag")
-    else:
-        (tmp_path / "bag" / target).unlink()
+    recording.split()
+    recording.write([message(1)])
     clock.now = 0.5
     recording.tick()
-    assert "somebody deleted the file" in recording.trouble
-    recording.write([message(1)])
-    clock.now = 2.0
-    recording.tick()
-    assert recording.trouble == ""
+    harm(tmp_path / "bag")
+    (tmp_path / "copy" / "bag_1.mcap").unlink()
+    (tmp_path / "copy").rename(tmp_path / "bag")
+    clock.now = 1.0
     recording.write([message(2)])
+    recording.flush()
+    recording.write([message(3)])
     recording.close()
-    assert recording.files == ("bag_1.mcap",)
-    assert values(tmp_path / "bag" / "bag_1.mcap") == [2]
-    assert metadata(tmp_path / "bag")["relative_file_paths"] == ["bag_1.mcap"]
+    assert metadata(tmp_path / "bag")["relative_file_paths"] == ["bag_0.mcap", "bag_2.mcap"]
+    assert bag_info(tmp_path / "bag").message_count == 2
 
 
 def test_it_does_not_go_on_by_itself_where_this_is_not_wanted(tmp_path):

@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-import errno
 import os
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO, cast
 
+from valve_twin.io.bags.gone import Gone, GoneError, what_became
 from valve_twin.io.bags.metadata import FileEntry
 from valve_twin.io.bags.qos import QosProfile, qos_text
 from valve_twin.io.mcap.writer import CHUNK_SIZE, McapWriter
@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from valve_twin.io.mcap.format import ByteTable
 
 _MODE = 0o644
-_PLAIN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
-"""Closed in child processes; bytes are not taken for text (Windows)."""
+_PLAIN = os.O_APPEND | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+"""Written at its end, wherever somebody cut it; closed in child processes; bytes are not taken
+for text (Windows)."""
 
 
 @dataclass(slots=True)
@@ -55,7 +56,8 @@ class _Stream:
         return len(data)
 
     def truncate(self, size: int) -> None:
-        os.ftruncate(self._number, size)
+        if os.fstat(self._number).st_size > size:  # else zeros would follow on what is there
+            os.ftruncate(self._number, size)
         os.lseek(self._number, size, os.SEEK_SET)
         self.size = size
 
@@ -173,11 +175,16 @@ class BagFile:
         self._good = self._stream.size
 
     def flush(self) -> None:
-        """Put everything written so far on disk; a file that somebody deleted is an error."""
+        """Put everything written so far on disk; `GoneError` where somebody took the file away."""
         self.write_out()
-        if os.fstat(self._stream.fileno()).st_nlink == 0:
-            raise FileNotFoundError(errno.ENOENT, "somebody deleted the file")
+        gone = self.gone()
+        if gone is not None:
+            raise GoneError(gone)
         self._sync(self._stream.fileno())
+
+    def gone(self) -> Gone | None:
+        """Return what somebody did to the file; None where it stands as it was written."""
+        return what_became(self.path, self._stream.fileno(), self._stream.size)
 
     def give_up(self) -> dict[str, int]:
         """After an error cut the file behind its last sound record; return what is lost by topic.

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from valve_twin.io.bags.file import BagFile, replace_file, sync_folder
+from valve_twin.io.bags.gone import Gone, GoneError, LostFileError, OwnFolder, full, unwritable
 from valve_twin.io.bags.metadata import FILE_NAME, FileEntry, metadata_map, metadata_text
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.writer import CHUNK_SIZE
@@ -81,10 +82,13 @@ class FileEvents:
         Gives values for the metadata, such as losses so far.
     on_split : callable
         Gets the names of the file that was finished and of the next.
+    on_gone : callable
+        Gets a line where somebody deleted, cut or moved away the file that was written.
     """
 
     noted: Callable[[], Mapping[str, object]] = dict
     on_split: Callable[[str, str], object] = lambda _closed, _opened: None
+    on_gone: Callable[[str], object] = lambda _line: None
 
 
 @dataclass(slots=True)
@@ -148,13 +152,7 @@ class RollingFiles:
         self._unfinished: list[BagFile] = []
         self._next = 0
         self._ended = False
-        try:
-            path.mkdir(parents=True)
-        except FileExistsError:
-            msg = f"{path}: exists already; give a new folder or remove it"
-            raise BagError(msg) from None
-        except OSError as err:
-            raise self._unwritable(err) from err
+        self._folder = OwnFolder(path)
         if at_once:
             try:
                 self.open_next()
@@ -162,6 +160,19 @@ class RollingFiles:
                 with suppress(OSError):  # a folder that holds nothing is in the way next time
                     path.rmdir()
                 raise
+
+    def begin_in(self, path: Path) -> None:
+        """Go on in another folder, which is made, as a bag of its own.
+
+        Parameters
+        ----------
+        path : Path
+            Folder to make.
+        """
+        self.path, self._next = path, 0
+        self._done, self._unfinished = [], []
+        self._folder = OwnFolder(path)
+        self.open_next()
 
     def follow(self, earlier: Sequence[Path], delete: Callable[[Path], int]) -> None:
         """Count files of earlier recordings as the oldest of this one.
@@ -201,12 +212,20 @@ class RollingFiles:
         return file
 
     def open_next(self) -> BagFile:
-        """Begin the next file."""
+        """Begin the next file.
+
+        Raises
+        ------
+        TakenFolderError
+            If the folder is another one, with files that are not of this bag.
+        BagError
+            If the disk does not take it.
+        """
         self._done = [d for d in self._done if d.path.exists()]
         self._keep(self._rule.keep - 1)  # before: who is killed in between leaves no more
         file, made = None, self._storage
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
+            self._folder.adopt({d.path.name for d in self._done})
             file = BagFile(
                 self._path(self._next),
                 sync=made.sync,
@@ -217,7 +236,7 @@ class RollingFiles:
         except OSError as err:
             if file is not None:
                 file.remove()
-            raise self._unwritable(err) from err
+            raise unwritable(self.path, err) from err
         self._next += 1
         for topic in list(self._topics.values()):
             topic.channel_in(file)
@@ -271,7 +290,8 @@ class RollingFiles:
         except OSError:
             self._lose(file)
             self._unfinished.append(file)
-            self._done.append(_Closed(file.path, file.entry(), file.counts(), file.size))
+            if file.gone() is None:
+                self._done.append(_Closed(file.path, file.entry(), file.counts(), file.size))
         with suppress(OSError):
             self._write_metadata()
 
@@ -309,7 +329,7 @@ class RollingFiles:
         except OSError as err:
             if file is not None:
                 self._lose(file)
-            raise self._full(self.path, err) from err
+            raise full(self.path, err) from err
         finally:
             for left in (*self._unfinished, *([file] if file is not None else [])):
                 left.abandon()
@@ -317,7 +337,9 @@ class RollingFiles:
     def failure(self, file: BagFile, err: OSError) -> BagError:
         """Cut what a failed write left half written; return what to say of it."""
         self._lose(file)
-        return self._full(file.path, err)
+        if isinstance(err, GoneError):
+            return LostFileError(f"{file.path}: {err.strerror} while it was written")
+        return full(file.path, err)
 
     @property
     def size(self) -> int:
@@ -341,7 +363,19 @@ class RollingFiles:
                 pass
 
     def _finish(self, file: BagFile, notes: Mapping[str, Mapping[str, str]] | None = None) -> None:
-        """Finish a file and list it; the metadata in it are its own."""
+        """Finish a file and list it; the metadata in it are its own.
+
+        One that was moved away is finished where it is now; what was in one that was deleted or
+        cut is lost, and counted so.
+        """
+        gone = file.gone()
+        if gone is not None and file not in self._unfinished:
+            self._events.on_gone(f"{file.path}: {gone.told(file.message_count)}")
+        if gone is Gone.CUT:
+            self._topics.uncount(file.counts())
+            self._done.append(_Closed(file.path, file.entry(), file.counts(), file.size))
+            file.abandon()
+            return
         self.note(self._events.noted())
         file.mcap.end_chunk()
         entry, counts = file.entry(), file.counts()
@@ -351,7 +385,9 @@ class RollingFiles:
         if self.custom:
             records["valve_twin"] = self.custom
         file.finish({**records, **(notes or {})})
-        if file not in self._unfinished:
+        if gone is Gone.DELETED:
+            self._topics.uncount(counts)
+        elif gone is None and file not in self._unfinished:
             self._done.append(_Closed(file.path, entry, counts, file.size))
 
     def _retry_unfinished(self) -> None:
@@ -372,6 +408,8 @@ class RollingFiles:
         return metadata_text(metadata_map(entries, self._topics.entries(counts), self.custom))
 
     def _write_metadata(self) -> None:
+        if not self._folder.is_own():
+            return  # what is there is somebody else's
         entries, counts = [d.entry for d in self._done], [d.counts for d in self._done]
         if self.running is not None:
             entries.append(self.running.entry())
@@ -384,16 +422,4 @@ class RollingFiles:
         try:
             self._write_metadata()
         except OSError as err:
-            raise self._unwritable(err) from err
-
-    @staticmethod
-    def _full(path: Path, err: OSError) -> BagError:
-        return BagError(
-            f"{path}: cannot be written ({err.strerror}); free some space, what is "
-            "written stays readable"
-        )
-
-    def _unwritable(self, err: OSError) -> BagError:
-        return BagError(
-            f"{self.path}: cannot be written ({err.strerror}); check the path and free space"
-        )
+            raise unwritable(self.path, err) from err

@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from valve_twin.io.bags.gone import LostFileError, TakenFolderError
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.errors import BagError
 from valve_twin.io.recording import restarted
@@ -91,6 +92,13 @@ class Recording:
     in_background : bool
         Sync the files on a thread of their own.
 
+    Attributes
+    ----------
+    trouble : str
+        Why nothing is written, empty where something is.
+    missed : int
+        Messages lost in the last trouble [1].
+
     Raises
     ------
     BagError
@@ -115,6 +123,7 @@ class Recording:
         self._disk, self._flush_s = disk or DiskRule(), flush_s
         self._clock, self._free = clock, free
         self._by_snapshot = by_snapshot
+        self._tell = events.on_gone if events is not None else None
         self._lock: int | None = None
         try:
             self._writer = BagWriter(
@@ -127,7 +136,7 @@ class Recording:
                 at_once=not by_snapshot,
                 events=events,
             )
-            self.path = self._writer.path
+            self.path = self._first = self._writer.path
             self._lock = restarted.lock(self.path)
         except BaseException:
             self._let_go()
@@ -138,6 +147,7 @@ class Recording:
         self._retry_at, self._pause_s = 0.0, FIRST_RETRY_S
         self._look_at = 0.0
         self.trouble = ""
+        self.missed = self._lost_before = 0
         self.snapshots = 0
         self.free = self._room()
 
@@ -168,6 +178,7 @@ class Recording:
         first : Path
             Folder of the first of them, as the name was given.
         """
+        self._first = first
         with suppress(OSError):  # a disk in trouble: this folder is then nobody's
             restarted.mark(self.path, first)
         self._writer.rolling.follow(restarted.earlier_files(self.path, first), restarted.delete)
@@ -185,7 +196,7 @@ class Recording:
             try:
                 self._writer.write(m.topic, m.data, log_ns=m.log_ns, publish_ns=m.publish_ns)
             except BagError as err:
-                self._stop(str(err))
+                self._stop(err)
                 continue
             self._unseen += len(m.data)
             if self._unseen >= LOOK_BYTES:
@@ -209,6 +220,8 @@ class Recording:
             self._write_out()
         if now >= self._look_at:
             self._look()
+        if not self.trouble:
+            self._lost_before = sum(self.lost.values())
 
     def flush(self) -> None:
         """Put everything written so far on disk."""
@@ -219,7 +232,7 @@ class Recording:
             self._writer.flush()
             self._pause_s = FIRST_RETRY_S
         except BagError as err:
-            self._stop(str(err))
+            self._stop(err)
 
     def _write_out(self) -> None:
         """Give everything to the kernel: it outlives this process, if not a power cut."""
@@ -227,7 +240,7 @@ class Recording:
         try:
             self._writer.flush(sync=False)
         except BagError as err:
-            self._stop(str(err))
+            self._stop(err)
 
     def split(self) -> None:
         """Begin a new file."""
@@ -236,7 +249,7 @@ class Recording:
         try:
             self._writer.split()
         except BagError as err:
-            self._stop(str(err))
+            self._stop(err)
 
     def snapshot(
         self, batch: Sequence[RecordedMessage], notes: Mapping[str, Mapping[str, str]]
@@ -256,7 +269,7 @@ class Recording:
             try:
                 name, _ = self._writer.split(notes)
             except BagError as err:
-                self._stop(str(err))
+                self._stop(err)
             else:
                 self._dirty_since = self._unwritten_since = math.inf
                 self.snapshots += 1
@@ -319,10 +332,11 @@ class Recording:
                 break
             self.free = self._room()
         if self.free < self._disk.floor:
-            self._stop(
+            msg = (
                 f"{self.path}: {self.free / _MB:.0f} MB free, the floor is "
                 f"{self._disk.floor / _MB:.0f} MB; free some space"
             )
+            self._stop(BagError(msg))
 
     def _room(self) -> int:
         """Return the free space, also where the folder was deleted [B]."""
@@ -335,16 +349,44 @@ class Recording:
         try:
             return self._writer.rolling.drop_oldest() > 0
         except BagError as err:
-            self._stop(str(err))
+            self._stop(err)
             return False
 
-    def _stop(self, why: str) -> None:
-        """Close the file as it is; what comes is lost until there is space."""
-        self.trouble = self.trouble or why
+    def _stop(self, why: BagError) -> None:
+        """Close the file as it is; what comes is lost until there is space.
+
+        Where only the file was taken away, the next one is begun at once.
+        """
         self._dirty_since = self._unwritten_since = math.inf
+        self._writer.rolling.suspend()
+        if isinstance(why, LostFileError) and self._disk.resume and not self.trouble:
+            try:
+                self._open_next()
+            except BagError as err:
+                why = err
+            else:
+                return
+        self.trouble = self.trouble or str(why)
         self._retry_at = self._clock() + self._pause_s
         self._pause_s = min(2.0 * self._pause_s, LAST_RETRY_S)
-        self._writer.rolling.suspend()
+
+    def _open_next(self) -> None:
+        """Go on in a new file, in a folder of its own where another bag took the place of ours."""
+        if self._by_snapshot:
+            return
+        try:
+            self._writer.rolling.open_next()
+        except TakenFolderError:
+            path = restarted.next_folder(self._first)
+            self._writer.rolling.begin_in(path)
+            self.path = path
+            with suppress(OSError):
+                restarted.mark(path, self._first)
+            if self._lock is not None:
+                os.close(self._lock)
+            self._lock = restarted.lock(path)
+            if self._tell is not None:
+                self._tell(f"{self._first}: another bag took its place: recording to {path}")
 
     def _resume(self) -> None:
         """Go on in a new file where there is space."""
@@ -352,10 +394,9 @@ class Recording:
         if self.free < self._disk.floor + MARGIN_BYTES:
             return
         try:
-            if not self._by_snapshot:
-                self._writer.rolling.open_next()
+            self._open_next()
         except BagError:
             self._retry_at = self._clock() + self._pause_s
             self._pause_s = min(2.0 * self._pause_s, LAST_RETRY_S)
             return
-        self.trouble = ""
+        self.trouble, self.missed = "", sum(self.lost.values()) - self._lost_before

@@ -83,6 +83,7 @@ class BagRecorderNode(ValveNode):
             events=FileEvents(
                 noted=partial(self._losses, self._topics),
                 on_split=lambda *names: self.post(partial(self._on_split, *names)),
+                on_gone=lambda line: self.post(partial(self.get_logger().warning, line)),
             ),
             in_background=True,
         )
@@ -325,7 +326,9 @@ class BagRecorderNode(ValveNode):
         if recording.trouble:
             self.faults.report("recorder.disk", f"recording stops: {recording.trouble}")
         elif before:
-            self.get_logger().info(f"{recording.path}: recording goes on, the disk has space")
+            self.get_logger().info(
+                f"{recording.path}: recording goes on, {recording.missed} messages were lost"
+            )
 
     def _reports(self) -> Iterable[Report]:
         recording = self._recording
