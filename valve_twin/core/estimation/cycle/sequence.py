@@ -20,10 +20,12 @@ from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.diagnosis.features import NEXT_CYCLE
 from valve_twin.core.diagnosis.generic.reference import estimate_features
 from valve_twin.core.estimation.cycle.comparison import compare_estimators
+from valve_twin.core.estimation.cycle.errors import model_errors
 from valve_twin.core.estimation.cycle.movement import MOVES, TRAVEL, count_movement
 from valve_twin.core.estimation.cycle.refused import coded, estimated, nothing_of, refused
 from valve_twin.core.estimation.cycle.scatter import scatter_between_cycles
-from valve_twin.core.prediction import fit_percent, restart_marks, run_model
+from valve_twin.core.estimation.data.masks import contiguous
+from valve_twin.core.prediction import restart_marks, run_model
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     CONDITIONS,
@@ -37,7 +39,6 @@ from valve_twin.core.types import (
     Parameter,
     ParameterStatus,
     ParameterValue,
-    Validity,
 )
 
 if TYPE_CHECKING:
@@ -75,10 +76,9 @@ class Memory:
 
     def of(self, estimator: str) -> tuple[Estimate, ...]:
         """Return the estimates of one estimator that were not refused, oldest first."""
+        gone = EstimateStatus.REFUSED
         return tuple(
-            e
-            for e in self.estimates
-            if e.estimator == estimator and e.status is not EstimateStatus.REFUSED
+            [e for e in self.estimates if e.estimator == estimator and e.status is not gone]
         )
 
     def after(self, estimates: Iterable[Estimate]) -> Memory:
@@ -230,13 +230,8 @@ def evaluate(
     """
     restart = restart_marks(frames, period_s)
     run = run_model(model, model.initial_state(), coefficients, frames, restart)
-    y = frames.position
-    good = (run.validity == Validity.VALID) & np.isfinite(run.predicted)
-    mse = float("nan")
-    if np.count_nonzero(good) >= _MIN_SAMPLES:
-        mse = float(np.mean((y[good] - run.predicted[good]) ** 2))
-    valid = frames.valid
-    return mse, fit_percent(y[valid], run.simulated[valid], least=_MIN_SAMPLES)
+    y = contiguous(frames.position)
+    return model_errors(y, frames.valid, run.predicted, run.simulated, run.validity, _MIN_SAMPLES)
 
 
 def _judged(
@@ -329,10 +324,14 @@ def _mean_conditions(frames: Frames) -> list[Condition]:
 def _usable_series(before: Sequence[Estimate]) -> dict[str, list[float]]:
     """Return the usable values of each parameter, oldest first."""
     found: dict[str, list[float]] = {}
+    ok = ParameterStatus.OK  # to look it up takes as long as the rest of the loop
     for estimate in before:
         for p in estimate.parameters:
-            if p.status is ParameterStatus.OK:
-                found.setdefault(p.name, []).append(p.value)
+            if p.status is ok:
+                if p.name in found:
+                    found[p.name].append(p.value)
+                else:
+                    found[p.name] = [p.value]
     return found
 
 

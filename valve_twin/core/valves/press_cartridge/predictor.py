@@ -52,7 +52,7 @@ _LAST, _BEFORE, _KNOWN, _FREE, _FREE_STEP, _RUNNING, _PAST_IN = range(7)
 _PAST_OUT = _PAST_IN + MAX_LAG  # the delay lines, newest first
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")  # a call counts references to its arrays
 def increment(c: FloatArray, v_in: float, v_out: float, dx: float, off_seat: bool) -> float:
     """Return d[n], the increment of the position [1].
 
@@ -72,7 +72,7 @@ def increment(c: FloatArray, v_in: float, v_out: float, dx: float, off_seat: boo
     return d
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def step(c: FloatArray, v_in: float, v_out: float, x: float, dx: float) -> float:
     """Return the next position: one increment from x, clipped to the seats [1].
 

@@ -14,6 +14,7 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_COLUMNS,
     N_LINEAR,
     Stretch,
+    fit_at_pole,
     search_pole,
 )
 from valve_twin.core.valves.press_cartridge.estimation.response.phases import (
@@ -299,7 +300,13 @@ def find_phases(
     return Phases(v_in, v_out, seated, free, anchor, moving, leaving)
 
 
-def fit_lag(run: Run, phases: Phases, columns: BoolArray, options: OutputErrorOptions) -> Solution:
+def fit_lag(
+    run: Run,
+    phases: Phases,
+    columns: BoolArray,
+    options: OutputErrorOptions,
+    linear: FloatArray | None = None,
+) -> Solution:
     """Fit for one delay.
 
     Parameters
@@ -312,17 +319,17 @@ def fit_lag(run: Run, phases: Phases, columns: BoolArray, options: OutputErrorOp
         Parameters that are fitted.
     options : OutputErrorOptions
         How the free run is fitted.
+    linear : (5,) array, optional
+        The linear parameters at its pole, where they are known [1].
     """
-    p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
-    pole, cost, log_determinant, rows = search_pole(
-        phases.stretch(run.position, run.use),
-        options.v_max,
-        options.wander,
-        columns,
-        options.pole,
-        p,
-        gram,
-    )
+    data, limits = phases.stretch(run.position, run.use), (options.v_max, options.wander, columns)
+    pole, gram = options.pole, np.zeros((N_COLUMNS, N_COLUMNS))
+    if linear is None:
+        p = np.zeros(N_LINEAR)
+        pole, cost, log_determinant, rows = search_pole(data, *limits, pole, p, gram)
+    else:
+        p = linear.copy()
+        cost, log_determinant, rows = fit_at_pole(data, *limits, pole, p, gram)
     rows = max(rows, 1)
     likelihood = float(np.log(max(cost, 1e-300) / rows) + log_determinant / rows)
     active = options.guard.active_command

@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.valves.press_cartridge.estimation.free_run import (
     OutputErrorOptions,
-    find_phases,
     fit_lag,
 )
 from valve_twin.core.valves.press_cartridge.estimation.gains import (
@@ -85,8 +84,8 @@ def fit_output_error(
         return refused_fit(prepared, masks)
     run, columns = prepared.run, prepared.columns
     alone = find_timing(run, prepared.lag, columns, options, prepared.phases)
-    timing = choose_timing(run, alone, pooled, columns, options)
+    chosen = choose_timing(run, alone, pooled, columns, options)
+    timing, phases = chosen.timing, chosen.phases
     timed = replace(options, pole=timing.pole)
-    phases = find_phases(run, timing.delay, options)
-    solution = fit_lag(run, phases, columns, timed)
+    solution = fit_lag(run, phases, columns, timed, chosen.linear)
     return gain_fit(prepared, solution, phases, masks, options, timing=timing, alone=alone)

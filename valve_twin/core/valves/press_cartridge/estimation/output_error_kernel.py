@@ -382,9 +382,38 @@ def search_pole(
             if cost < best:
                 best, pole = cost, k * step
     _cost(data, pole, v_max, wander, columns, p, gram)
-    log_determinant, rows = accumulate(data, pole, v_max, wander, p, gram)
-    cost = solve_positive(gram, columns, p)
+    cost, log_determinant, rows = fit_at_pole(data, v_max, wander, columns, pole, p, gram)
     return pole, cost, log_determinant, rows
+
+
+@njit(cache=True)
+def fit_at_pole(
+    data: Stretch,
+    v_max: float,
+    wander: float,
+    columns: BoolArray,
+    pole: float,
+    p: FloatArray,
+    gram: FloatArray,
+) -> tuple[float, float, int]:
+    """Minimise over all but the pole; return cost, log determinant, rows.
+
+    Parameters
+    ----------
+    data : Stretch
+        N samples [1].
+    v_max, wander : float
+        Greatest command [1], random walk, see `accumulate` [1].
+    columns : (5,) bool array
+        Parameters that are fitted.
+    pole : float
+        The pole [1].
+    p, gram : (5,), (7, 7) arrays
+        Overwritten with parameters and normal equations; the sensitivity to the pole is that at
+        the parameters that were in p [1].
+    """
+    log_determinant, rows = accumulate(data, pole, v_max, wander, p, gram)
+    return solve_positive(gram, columns, p), log_determinant, rows
 
 
 @njit(cache=True)
@@ -413,6 +442,5 @@ def pole_likelihood(
         Overwritten, see `search_pole`.
     """
     p[:] = 0.0
-    log_determinant, rows = accumulate(data, pole, v_max, wander, p, gram)
-    cost = float(solve_positive(gram, columns, p))
+    cost, log_determinant, rows = fit_at_pole(data, v_max, wander, columns, pole, p, gram)
     return float(max(rows, 1) * np.log(max(cost, 1e-300) / max(rows, 1)) + log_determinant)

@@ -12,6 +12,8 @@ from valve_twin.core.estimation.data.masks import find_masks
 from valve_twin.core.valves.press_cartridge.estimation.free_run import (
     OutputErrorOptions,
     acting_command,
+    find_phases,
+    fit_lag,
     lay_out,
 )
 from valve_twin.core.valves.press_cartridge.estimation.response.timing import (
@@ -73,8 +75,14 @@ def test_a_cycle_takes_the_pooled_timing_unless_it_contradicts_it():
     noisy = run_of(replace(QUIET, sigma=4e-3, pole=0.2))
     own = find_timing(noisy, 2, ALL, OPTIONS)
     pooled = Timing(2.0, 0.2, pooled=True)
-    assert choose_timing(noisy, own, pooled, ALL, OPTIONS) is pooled
-    assert choose_timing(noisy, own, None, ALL, OPTIONS) is own
+    assert choose_timing(noisy, own, pooled, ALL, OPTIONS).timing is pooled
+    assert choose_timing(noisy, own, None, ALL, OPTIONS).timing is own
     sharp = run_of(replace(QUIET, pole=0.2))
     own = find_timing(sharp, 2, ALL, OPTIONS)
-    assert choose_timing(sharp, own, Timing(1.0, 0.2, pooled=True), ALL, OPTIONS) is own
+    chosen = choose_timing(sharp, own, Timing(1.0, 0.2, pooled=True), ALL, OPTIONS)
+    assert chosen.timing is own
+    timed = replace(OPTIONS, pole=own.pole)
+    fresh = fit_lag(sharp, find_phases(sharp, own.delay, OPTIONS), ALL, timed)
+    known = fit_lag(sharp, chosen.phases, ALL, timed, chosen.linear)
+    assert known.gram.tobytes() == fresh.gram.tobytes()
+    assert known.linear.tobytes() == fresh.linear.tobytes()

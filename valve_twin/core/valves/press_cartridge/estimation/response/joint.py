@@ -26,19 +26,23 @@ from valve_twin.core.valves.press_cartridge.estimation.response.lanes import (
     GRAM,
     POLE,
     SIZE,
+    STILL,
     run_lanes,
 )
+from valve_twin.core.valves.press_cartridge.estimation.response.weights import weigh_rows
 from valve_twin.core.valves.press_cartridge.estimation.solvers.lanes import LANES
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
     from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import Rows
+    from valve_twin.core.valves.press_cartridge.estimation.response.weights import Weighed
 
 _LAST = N_LINEAR + 2
 _PASSES = 25
+_ROUGH = 1e-4  # speed of a response that is at rest where the pole to begin with is chosen [1]
 _LARGEST_POLE, _LARGEST_PART = 0.2, 0.3  # steps at once [1, samples]
-_FOUND = 1e-8  # of twice the log likelihood that a step gains
+_FOUND = 1e-6  # of twice the log likelihood: a step that gains less is taken without a look
 _HOPELESS = 4.0  # times the gain of a step that leave a search behind the best
 _STARTS = (-0.8, -0.4, -0.17, -0.06, 0.06, 0.2, 0.5)  # about the lag [samples]
 _WHOLE = 0.05  # a delay nearer to the lag is compared with it [samples]
@@ -185,27 +189,18 @@ def _step(
 
 
 @njit(cache=True, error_model="numpy")
-def _pass(cycle: Cycle, s: Searches) -> None:
+def _pass(cycle: Cycle, data: Weighed, still: float, s: Searches) -> None:
     """Look at the eight places, keep what is better, and choose the next eight."""
-    work, rows = s.work, cycle.rows
+    work = s.work
     for i in range(LANES):
         work[POLE + i] = s.pole[i]
         work[DELAY + i] = cycle.lag + s.part[i]
         for k in range(N_LINEAR):
             work[AT + LANES * k + i] = s.p[i, k]
-    log_determinant, count = run_lanes(
-        rows.y,
-        rows.flags,
-        rows.anchor,
-        rows.v_in,
-        rows.v_out,
-        cycle.v_max,
-        cycle.wander,
-        work,
-    )
+    run_lanes(data, cycle.v_max, still, work)
     for i in range(LANES):
         if not s.done[i]:
-            _advance(cycle, s, i, max(count, 1), log_determinant)
+            _advance(cycle, s, i, max(data.rows, 1), data.log_determinant)
 
 
 @njit(cache=True, error_model="numpy")
@@ -274,9 +269,10 @@ def find_joint(cycle: Cycle, pole: float) -> tuple[float, float]:
         Taken where none is searched [1].
     """
     s = _new_searches()
+    data = weigh_rows(cycle.rows, cycle.wander, cycle.lag + 1.0)
     for i in range(LANES):
         s.pole[i] = (i + 0.5) / LANES if cycle.searched else pole
-    _pass(cycle, s)  # without parameters no sensitivity: the first step is the second pass's
+    _pass(cycle, data, _ROUGH, s)  # without parameters no sensitivity, and so no step
     k = int(np.argmin(s.best))
     pole, p = s.best_pole[k], s.p[k].copy()
     s.best[:] = np.inf
@@ -291,7 +287,7 @@ def find_joint(cycle: Cycle, pole: float) -> tuple[float, float]:
         s.pole[i] = _shifted(pole, -s.part[i]) if cycle.searched else pole
         s.p[i] = p
     for _ in range(_PASSES):
-        _pass(cycle, s)
+        _pass(cycle, data, STILL, s)
         least = s.best.min()
         for i in range(LANES):
             s.done[i] |= s.best[i] - _HOPELESS * s.gain[i] > least
@@ -300,4 +296,6 @@ def find_joint(cycle: Cycle, pole: float) -> tuple[float, float]:
     k = int(np.argmin(s.best))
     if cycle.usual > 0.0 and 0.0 < abs(s.best_part[k]) < _WHOLE and s.best[-1] <= s.best[k]:
         k = LANES - 1
+    if s.gain[k] <= _FOUND:
+        return s.part[k], s.pole[k]
     return s.best_part[k], s.best_pole[k]

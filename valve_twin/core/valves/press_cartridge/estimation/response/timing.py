@@ -22,7 +22,6 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_COLUMNS,
     N_LINEAR,
     Rows,
-    Stretch,
     pole_likelihood,
     sample_flags,
 )
@@ -31,7 +30,7 @@ from valve_twin.core.valves.press_cartridge.estimation.response.joint import Cyc
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.types import BoolArray, Estimate
+    from valve_twin.core.types import BoolArray, Estimate, FloatArray
     from valve_twin.core.valves.press_cartridge.estimation.free_run import (
         OutputErrorOptions,
         Phases,
@@ -71,11 +70,6 @@ class Timing:
     delay: float
     pole: float
     pooled: bool = False
-
-    @property
-    def total(self) -> float:
-        """Mean time from command to speed [samples]."""
-        return self.delay + self.pole / (1.0 - self.pole)
 
 
 def find_timing(
@@ -144,17 +138,37 @@ def pool_timing(alone: Sequence[tuple[float, float]]) -> Timing | None:
     alone : sequence of (float, float)
         Delay [samples] and pole [1] of each cycle by itself, oldest first; NaN = not known.
     """
-    known = [Timing(d, p) for d, p in alone if isfinite(d + p)][-_MOST_POOLED:]
+    known = [(d, p) for d, p in alone if isfinite(d + p)][-_MOST_POOLED:]
     if len(known) < _LEAST_POOLED:
         return None
-    pole = float(middle_of(np.array([t.pole for t in known])))
-    total = float(middle_of(np.array([t.total for t in known])))
+    delays, poles = np.array(known).T
+    pole = float(middle_of(poles.copy()))
+    total = float(middle_of(delays + poles / (1.0 - poles)))  # mean time to the speed [samples]
     return Timing(max(total - pole / (1.0 - pole), 0.0), pole, pooled=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Timed:
+    """A cycle by one timing.
+
+    Attributes
+    ----------
+    timing : Timing
+        When a command acts.
+    phases : Phases
+        What the spool does at each sample, by that delay.
+    linear : (5,) array or None
+        The linear parameters there [1], where they were fitted.
+    """
+
+    timing: Timing
+    phases: Phases
+    linear: FloatArray | None = None
 
 
 def choose_timing(
     run: Run, own: Timing, pooled: Timing | None, columns: BoolArray, options: OutputErrorOptions
-) -> Timing:
+) -> Timed:
     """Return the pooled timing, or a cycle's own where the cycle contradicts it.
 
     Parameters
@@ -169,20 +183,19 @@ def choose_timing(
         How the free run is fitted.
     """
     if pooled is None or options.delay >= 0.0:
-        return own
-    alone, together = (
-        _value(
-            find_phases(run, t.delay, options).stretch(run.position, run.use),
-            columns,
-            options,
-            t.pole,
-        )
-        for t in (own, pooled)
+        return Timed(own, find_phases(run, own.delay, options))
+    (alone, by_own), (together, by_pooled) = (
+        _timed(run, t, columns, options) for t in (own, pooled)
     )
-    return own if together - alone > _DECIDES else pooled
+    return by_own if together - alone > _DECIDES else by_pooled
 
 
-def _value(data: Stretch, columns: BoolArray, options: OutputErrorOptions, pole: float) -> float:
-    """Return minus twice the log likelihood."""
+def _timed(
+    run: Run, timing: Timing, columns: BoolArray, options: OutputErrorOptions
+) -> tuple[float, Timed]:
+    """Return minus twice the log likelihood, and the cycle by this timing."""
     p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
-    return pole_likelihood(data, options.v_max, options.wander, columns, pole, p, gram)
+    phases = find_phases(run, timing.delay, options)
+    data, limits = phases.stretch(run.position, run.use), (options.v_max, options.wander, columns)
+    value = pole_likelihood(data, *limits, timing.pole, p, gram)
+    return value, Timed(timing, phases, p)

@@ -21,6 +21,7 @@ import numpy as np
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,
+    Rows,
     Stretch,
     sample_flags,
     solve_positive,
@@ -29,9 +30,11 @@ from valve_twin.core.valves.press_cartridge.estimation.response.lanes import (
     DELAY,
     POLE,
     SIZE,
+    STILL,
     read_lane,
     run_lanes,
 )
+from valve_twin.core.valves.press_cartridge.estimation.response.weights import weigh_rows
 from valve_twin.core.valves.press_cartridge.estimation.solvers.lanes import LANES
 from valve_twin.kernels import njit
 
@@ -109,26 +112,38 @@ def free_jumps(run: Run, phases: Phases, options: OutputErrorOptions) -> Phases:
         The cycle, its phases, and how the free run is fitted.
     """
     leaving, anchor = phases.leaving.copy(), phases.anchor.copy()
-    last = len(anchor) - 1
-    moved = _jumps(run.position)
+    jump, active = _JUMP * options.v_max, options.guard.active_command
     for v in (phases.v_in, phases.v_out):
-        jumps = _jumps(v) > _JUMP * options.v_max
-        on = v > options.guard.active_command
-        gain = float(moved[on].sum()) / max(float(v[on].sum()), 1e-9)
-        for first in np.flatnonzero(jumps & ~leaving & ~phases.seated).tolist():
-            end = min(first + 1, last)
-            leaving[first:end] = True
-            edge = _EDGE * gain * abs(float(v[end] - v[first - 1]))
-            known = (edge / run.noise_sigma) ** 2 if run.noise_sigma > 0.0 else np.inf
-            anchor[end] = max(anchor[end], known)
+        _free_jumps(run.position, phases.seated, v, jump, active, run.noise_sigma, leaving, anchor)
     return replace(phases, leaving=leaving, anchor=anchor)
 
 
-def _jumps(values: FloatArray) -> FloatArray:
-    """Return how far each of N values lies from the one before; the first from nowhere, 0."""
-    jumps = np.zeros(len(values))
-    np.abs(np.subtract(values[1:], values[:-1]), out=jumps[1:])
-    return jumps
+@njit(cache=True)
+def _free_jumps(
+    position: FloatArray,
+    seated: BoolArray,
+    v: FloatArray,
+    jump: float,
+    active: float,
+    noise_sigma: float,
+    leaving: BoolArray,
+    anchor: FloatArray,
+) -> None:
+    """Mark the samples behind each jump of a command off the seats, and free the level there."""
+    moved = acted = 0.0
+    for n in range(len(v)):
+        if v[n] > active:
+            moved += abs(position[n] - position[n - 1]) if n else 0.0
+            acted += v[n]
+    gain, last = moved / max(acted, 1e-9), len(v) - 1
+    for n in range(1, len(v)):
+        if leaving[n] or seated[n] or not abs(v[n] - v[n - 1]) > jump:
+            continue
+        end = min(n + 1, last)
+        leaving[n:end] = True
+        edge = _EDGE * gain * abs(v[end] - v[n - 1])
+        known = (edge / noise_sigma) ** 2 if noise_sigma > 0.0 else np.inf
+        anchor[end] = max(anchor[end], known)
 
 
 def step_leak(run: Run, phases: Phases) -> float:
@@ -195,17 +210,17 @@ def _fit_each(
 ) -> tuple[FloatArray, FloatArray]:
     """Fit with the commands let act after each of the delays, eight at once."""
     likelihood, linear = np.empty(len(delays)), np.zeros((len(delays), N_LINEAR))
-    flags, gram, work = sample_flags(data), np.empty((N_COLUMNS, N_COLUMNS)), np.zeros(SIZE)
+    gram, work = np.empty((N_COLUMNS, N_COLUMNS)), np.zeros(SIZE)
+    rows = Rows(data.y, sample_flags(data), data.anchor, v_in, v_out)
+    weighed = weigh_rows(rows, wander, delays.max())
+    count = max(weighed.rows, 1)
     work[POLE : POLE + LANES] = pole
     for first in range(0, len(delays), LANES):
         for i in range(LANES):
             work[DELAY + i] = delays[min(first + i, len(delays) - 1)]
-        log_determinant, rows = run_lanes(
-            data.y, flags, data.anchor, v_in, v_out, v_max, wander, work
-        )
+        run_lanes(weighed, v_max, STILL, work)
         for i in range(min(LANES, len(delays) - first)):
             read_lane(work, i, gram)
             cost = max(solve_positive(gram, columns, linear[first + i]), 1e-300)
-            value = max(rows, 1) * np.log(cost / max(rows, 1))
-            likelihood[first + i] = value + log_determinant
+            likelihood[first + i] = count * np.log(cost / count) + weighed.log_determinant
     return likelihood, linear
