@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from math import isfinite, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,8 +46,8 @@ class Scatter:
     @property
     def half_width_95(self) -> float:
         """Return the half width of the 95 % interval of one estimate."""
-        if not np.isfinite(self.sigma):
-            return float("nan")
+        if not isfinite(self.sigma):
+            return nan
         return _student_975(self.freedom) * self.sigma
 
 

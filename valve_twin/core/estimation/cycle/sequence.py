@@ -302,8 +302,8 @@ def cycle_conditions(cycle: Cycle) -> tuple[Condition, ...]:
     position = cycle.frames.position[cycle.frames.valid & np.isfinite(cycle.frames.position)]
     if not len(position):
         return tuple(_mean_conditions(cycle.frames))
-    ordered = np.sort(position)
-    low, high = ordered[len(ordered) // 100], ordered[-1 - len(ordered) // 100]
+    at = len(position) // 100, len(position) - 1 - len(position) // 100
+    low, high = np.partition(position, at)[list(at)]
     moves, travel = count_movement(position)
     own = {"stroke": high - low, MOVES: moves, TRAVEL: travel}
     found = [Condition(name, float(value)) for name, value in own.items()]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.cycle.scatter_kernel import sum_as_numpy
 from valve_twin.core.valves.press_cartridge.estimation.excitation import GuardOptions
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
@@ -22,6 +23,7 @@ from valve_twin.core.valves.press_cartridge.estimation.response.phases import (
     delayed,
     mark_phases,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
 _LONG_GAP = 10
 """A gap above this many samples is not bridged: the run starts again after it."""
+
+_LONGEST = 1e6  # step that is told [samples]
 
 _NOISE_MARGIN = 4.0
 """A seat is as wide as this many standard deviations of the noise."""
@@ -176,23 +180,26 @@ def lay_out(
     options : OutputErrorOptions
         Offsets of the commands, width of a seat.
     """
-    steps = np.maximum(np.rint(np.diff(frames.stamp_ns) / (period_s * 1e9)), 1.0)
-    steps = np.minimum(steps, 1e6).astype(np.int64)
-    long = steps > _LONG_GAP
-    steps[long] = options.max_lag + 1
-    index = np.concatenate((np.zeros(min(len(frames), 1), np.int64), np.cumsum(steps)))
-    size = int(index[-1]) + 1 if len(index) else 0
+    steps = np.empty(max(len(frames) - 1, 0), np.int64)
+    whole = _fill_steps(np.ascontiguousarray(frames.stamp_ns), period_s * 1e9, steps)
+    size = len(frames)
     source: slice | IntArray = slice(None)
-    here = np.ones(size, np.bool_)
-    if size > len(index):  # periods are missing
+    here, broken = np.ones(size, np.bool_), np.zeros(size, np.bool_)
+    if not whole:  # periods are missing
+        long = steps > _LONG_GAP
+        steps[long] = options.max_lag + 1
+        index = np.concatenate((np.zeros(1, np.int64), np.cumsum(steps)))
+        size = int(index[-1]) + 1
         source = np.searchsorted(index, np.arange(size), side="right") - 1
-        here[:] = False
+        here, broken = np.zeros(size, np.bool_), np.zeros(size, np.bool_)
         here[index] = True
-    broken = np.zeros(size, np.bool_)
-    broken[index[1:][long]] = True
+        broken[index[1:][long]] = True
     known = ~masks.bad & np.isfinite(frames.position)
     position = frames.position if known.all() else _held(frames.position, known)
-    command = np.where(np.isfinite(frames.inputs), frames.inputs, 0.0)
+    inputs, v_max = np.ascontiguousarray(frames.inputs), options.v_max
+    v_in, v_out = np.empty((2, len(frames)))
+    _limit(inputs, 0, options.offset_in, v_max, v_in)
+    _limit(inputs, 1, options.offset_out, v_max, v_out)
     margin = options.seat_margin
     if np.isfinite(noise_sigma):
         margin = max(margin, _NOISE_MARGIN * noise_sigma)
@@ -201,12 +208,31 @@ def lay_out(
         use=(known & ~masks.any)[source] & here,
         stuck=masks.stuck[source],
         broken=broken,
-        v_in=np.clip(command[source, 0] - options.offset_in, 0.0, options.v_max),
-        v_out=np.clip(command[source, 1] - options.offset_out, 0.0, options.v_max),
+        v_in=v_in[source],
+        v_out=v_out[source],
         margin=margin,
         period_s=period_s,
         noise_sigma=noise_sigma,
     )
+
+
+@njit(cache=True)
+def _fill_steps(stamp_ns: IntArray, period_ns: float, steps: IntArray) -> bool:
+    """Fill the steps of N samples in periods, at least one; return whether all are one."""
+    whole = True
+    for n in range(len(steps)):
+        step = np.rint((stamp_ns[n + 1] - stamp_ns[n]) / period_ns)
+        steps[n] = int(min(max(step, 1.0), _LONGEST))
+        whole &= steps[n] == 1
+    return whole
+
+
+@njit(cache=True)
+def _limit(inputs: FloatArray, column: int, offset: float, v_max: float, out: FloatArray) -> None:
+    """Fill what a command is above its offset; what is no number is none."""
+    for n in range(len(out)):
+        v = inputs[n, column] if np.isfinite(inputs[n, column]) else 0.0
+        out[n] = min(max(v - offset, 0.0), v_max)
 
 
 def _held(values: FloatArray, known: BoolArray) -> FloatArray:
@@ -355,10 +381,20 @@ def mean_command(position: FloatArray, v_in: FloatArray, free: BoolArray, active
         Only commands above it count: an offset or noise of the logged command is no inflow, and
         would take the return stroke for one [1].
     """
-    moved = np.diff(position, prepend=position[:1])
-    on = free & (v_in > active)
-    total = float(np.sum(moved[on]))
-    return float(np.sum(moved[on] * v_in[on])) / total if total > 0.0 else float("nan")
+    return float(_mean_command(position, v_in, free, active))
+
+
+@njit(cache=True)
+def _mean_command(position: FloatArray, v_in: FloatArray, free: BoolArray, active: float) -> float:
+    moved, weighted = np.empty(len(position)), np.empty(len(position))
+    count = 0
+    for n in range(len(position)):
+        if free[n] and v_in[n] > active:
+            moved[count] = position[n] - position[n - 1] if n else 0.0
+            weighted[count] = moved[count] * v_in[n]
+            count += 1
+    total = sum_as_numpy(moved[:count])
+    return sum_as_numpy(weighted[:count]) / total if total > 0.0 else np.nan
 
 
 def find_lag(run: Run, columns: BoolArray, options: OutputErrorOptions) -> int:

@@ -241,8 +241,8 @@ def gain_fit(
     scatter : mapping, optional
         Half of the 95 % interval of the scatter between cycles, which those limits hold, too.
     """
-    mse = solution.cost / solution.rows
-    parameters = _parameters(prepared, solution, mse, options)
+    mse, fitted = solution.cost / solution.rows, _fitted(solution)
+    parameters = _parameters(prepared, solution, mse, fitted, options)
     parameters += _timing_values(timing, alone)
     own = solution.linear if covariance is None else None  # else of another fit
     halves = systematic_halves(solution, prepared.run, phases, timing, options, own)
@@ -252,9 +252,10 @@ def gain_fit(
         parameters += (ParameterValue("noise_ratio", noise_ratio),)
     else:
         parameters = with_limits(parameters, {}, halves)
-    found = gain_identifiability(solution, _fitted(solution), mse, prepared.run.period_s, options)
+    found = gain_identifiability(solution, fitted, mse, prepared.run.period_s, options)
     parameters = refuse_ridges(parameters, found)
-    condition, guard = _condition(solution), options.guard
+    condition = gain_condition(solution.gram[fitted[:, None], fitted])
+    guard = options.guard
     return GainFit(
         parameters,
         *_verdict(parameters),
@@ -296,9 +297,13 @@ def _mask_counts(masks: Masks, used: int) -> MaskCounts:
 
 
 def _parameters(
-    prepared: PreparedCycle, s: Solution, mse: float, options: OutputErrorOptions
+    prepared: PreparedCycle,
+    s: Solution,
+    mse: float,
+    fitted: IntArray,
+    options: OutputErrorOptions,
 ) -> tuple[ParameterValue, ...]:
-    covariance = fit_covariance(s, mse, _fitted(s))
+    covariance = fit_covariance(s, mse, fitted)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     no_hold = f"{prepared.hold} samples of hold off the seats, {options.min_hold} needed"
     leak = (
@@ -411,7 +416,7 @@ def fit_covariance(s: Solution, mse: float, fitted: IntArray) -> FloatArray:
     covariance = np.full((N_LINEAR + 1, N_LINEAR + 1), np.inf)
     fitted = fitted[np.diag(s.gram)[fitted] > 0.0]
     if len(fitted):
-        covariance[np.ix_(fitted, fitted)] = mse * inverse_of(s.gram, fitted)
+        covariance[fitted[:, None], fitted] = mse * inverse_of(s.gram, fitted)
     return covariance
 
 
@@ -424,12 +429,6 @@ def _gain_error(
     block = covariance[first : first + 2, first : first + 2]
     weight = np.array([1.0, 2.0 * options.v_max - command])
     return float(np.sqrt(max(weight @ block @ weight, 0.0)))
-
-
-def _condition(s: Solution) -> float:
-    """Return the condition number of the column-scaled sensitivities."""
-    fitted = _fitted(s)
-    return gain_condition(s.gram[np.ix_(fitted, fitted)])
 
 
 def _verdict(parameters: tuple[ParameterValue, ...]) -> tuple[EstimateStatus, str]:

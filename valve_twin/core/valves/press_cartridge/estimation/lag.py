@@ -114,8 +114,8 @@ def scan_lag(frames: Frames, masks: Masks, *, max_lag: int = MAX_LAG) -> LagScan
     if not np.isfinite(mse).all() or mse.max() <= 0.0:
         return _unknown(max_lag, "no lag could be fitted", slow_sensor)
     best = int(np.argmin(mse))
-    others = np.append(np.delete(mse, best), np.inf)
-    sharpness = float(others.min() / mse[best] - 1.0) if mse[best] > 0.0 else float("inf")
+    other = min((error for lag, error in enumerate(mse.tolist()) if lag != best), default=np.inf)
+    sharpness = float(other / mse[best] - 1.0) if mse[best] > 0.0 else float("inf")
     return LagScan(best, mse, sharpness, by_increments=slow_sensor)
 
 
