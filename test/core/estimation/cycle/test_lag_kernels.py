@@ -21,24 +21,31 @@ def cycle(seed: int, samples: int = 300) -> tuple[np.ndarray, np.ndarray]:
     return 0.01 * moved + 1e-3 * rng.normal(size=samples), inputs
 
 
-def explained_in_numpy(position: np.ndarray, inputs: np.ndarray, lag: int) -> float:
+def explained_in_numpy(
+    position: np.ndarray, inputs: np.ndarray, lag: int, stop: float = 0.0
+) -> float:
     """Return the share of the motion that two commands of 0 or 1 explain at one lag."""
+    near = stop * np.ptp(position) if stop else -np.inf
+    free = np.stack((position < position.max() - near, position > position.min() + near), axis=1)
     motion = np.diff(position)
-    on = inputs[:-1] > 0.0
+    on, free = inputs[:-1] > 0.0, free[:-1]
     count = len(motion) - abs(lag)
-    motion, on = motion[max(lag, 0) :][:count], on[max(-lag, 0) :][:count]
+    motion, free = (x[max(lag, 0) :][:count] for x in (motion, free))
+    on = on[max(-lag, 0) :][:count]
     total = 0.0
-    for active, sign in zip(on.T, (1.0, -1.0), strict=True):
+    for active, moves, sign in zip(on.T, free.T, (1.0, -1.0), strict=True):
         along = max(sign * motion[active].sum(), 0.0)
-        total += along**2 / max(np.count_nonzero(active), 1)
+        power = np.count_nonzero(active & moves)
+        total += along**2 / power if power else 0.0
     return total / float(motion @ motion)
 
 
+@pytest.mark.parametrize("stop", [0.0, 0.05])
 @pytest.mark.parametrize("seed", range(8))
-def test_the_share_by_lag_is_that_of_its_definition(seed):
+def test_the_share_by_lag_is_that_of_its_definition(seed, stop):
     position, inputs = cycle(seed)
-    found = explained_by_lag(position, inputs, 40)
-    expected = [explained_in_numpy(position, inputs, lag) for lag in range(-40, 41)]
+    found = explained_by_lag(position, inputs, 40, stop)
+    expected = [explained_in_numpy(position, inputs, lag, stop) for lag in range(-40, 41)]
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
 
 

@@ -42,7 +42,9 @@ def steps_within(position: FloatArray, largest: float) -> bool:
 
 
 @njit(cache=True)
-def explained_by_lag(position: FloatArray, inputs: FloatArray, reach: int) -> FloatArray:
+def explained_by_lag(
+    position: FloatArray, inputs: FloatArray, reach: int, stop: float = 0.0
+) -> FloatArray:
     """Return the share of the motion that commands of 0 or 1 explain, by lag [1].
 
     A command that is on or off moves the position from where it was when it went on to where it
@@ -56,6 +58,9 @@ def explained_by_lag(position: FloatArray, inputs: FloatArray, reach: int) -> Fl
         The command that raises it and the one that lowers it [1]; on where positive.
     reach : int
         Longest lag in either direction, less than N [samples].
+    stop : float
+        Share of its span within which a position at its end is at a stop, where a command that
+        presses on is none; 0 = there are no stops [1].
 
     Returns
     -------
@@ -68,14 +73,17 @@ def explained_by_lag(position: FloatArray, inputs: FloatArray, reach: int) -> Fl
         step = position[i + 1] - position[i]
         energy[i + 1] = energy[i] + step * step
     explained = np.zeros(2 * reach + 1)
-    on = np.zeros(n + 1, np.int64)
+    free = np.zeros(n + 1, np.int64)
     edges = np.empty(n + 2, np.int64)
+    low, high = position.min(), position.max()
+    near = stop * (high - low) if stop > 0.0 else -np.inf
     for command in range(2):
         sign = 1.0 if command == 0 else -1.0
+        end_stop = high - near if command == 0 else low + near
         count = 0
         for i in range(n):
             active = inputs[i, command] > 0.0
-            on[i + 1] = on[i] + active
+            free[i + 1] = free[i] + (sign * (position[i] - end_stop) < 0.0)
             if active != (count % 2 == 1):
                 edges[count] = i
                 count += 1
@@ -84,12 +92,12 @@ def explained_by_lag(position: FloatArray, inputs: FloatArray, reach: int) -> Fl
             count += 1
         for k in range(2 * reach + 1):
             lag = k - reach
-            along = 0.0
+            along, power = 0.0, 0
             for e in range(0, count, 2):
                 begin = min(max(edges[e] + lag, 0), n)
                 end = min(max(edges[e + 1] + lag, 0), n)
                 along += position[end] - position[begin]
-            power = on[n - lag] if lag >= 0 else on[n] - on[-lag]
+                power += free[end] - free[begin]
             along *= sign
             if power > 0 and along > 0.0:
                 explained[k] += along * along / power

@@ -9,7 +9,7 @@ import pytest
 
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import simulate_cycles, to_frames
-from valve_twin.core.types import Cycle, EstimateStatus
+from valve_twin.core.types import Cycle, EstimateStatus, Frames
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.registry import complete_options
 
@@ -65,6 +65,36 @@ def test_a_wrong_scale_shows_in_the_usual_stroke(factor):
 def test_a_position_out_of_step_with_its_commands_is_named(samples, text):
     for seed in range(5):
         assert text in fault(shifted(frames_of(seed), samples))
+
+
+def cylinder(seed, ahead=0):
+    """Return a cycle of a cylinder whose commands press on after it has reached its stops."""
+    rng = np.random.default_rng(seed)
+    n, (run, back, late) = 345, rng.integers((50, 50, 1), (75, 75, 5))
+    inputs = np.zeros((n, 2))
+    inputs[:110, 0], inputs[185:305, 1] = 1.0, 1.0
+    speed = np.zeros(n)
+    speed[late : late + run], speed[185 + late : 185 + late + back] = 1.0 / run, -1.0 / back
+    position = np.concatenate(([0.0], np.cumsum(speed)[:-1]))
+    position = np.concatenate((position[ahead:], np.full(ahead, position[-1])))
+    position += rng.normal(0.0, 5e-4, n)
+    none = np.full(n, np.nan)
+    stamps = np.arange(n, dtype=np.int64) * 20_000_000
+    return Frames(stamps, position, inputs, none, none, np.ones(n, dtype=np.bool_))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_cylinder_pressed_against_its_stops_is_in_step(seed):
+    frames = cylinder(seed)
+    cycle = Cycle(1, 0.02, frames)
+    assert MODEL.input_fault(cycle, complete_options(MODEL, {})) == ""
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_cylinder_that_reaches_its_stops_before_its_commands_is_out_of_step(seed):
+    frames = cylinder(seed, ahead=45)
+    cycle = Cycle(1, 0.02, frames)
+    assert "before its commands" in MODEL.input_fault(cycle, complete_options(MODEL, {}))
 
 
 def test_a_command_that_is_often_no_number_is_named():
