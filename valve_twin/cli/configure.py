@@ -70,9 +70,12 @@ def _configure(arguments: argparse.Namespace) -> int:
         return _configure_files(arguments)
     if len(arguments.files) > 1:
         return fail(f"{arguments.files[1]}: a bag is configured alone; give one")
-    from valve_twin.io.offline.propose import propose_yaml
+    from valve_twin.io.offline.propose import DOUBT, propose_yaml
 
     text = propose_yaml(arguments.files[0], position=arguments.position)
+    for line in text.splitlines():
+        if DOUBT in line:
+            say(line.strip(" #"))
     _write(arguments, text)
     return OK
 
@@ -188,6 +191,6 @@ def _draw(survey: Survey, choice: Choice) -> str:
         best, halves = choice.trials[0], choice.halves
         title = f"{best.model}: free run over the half that was not fitted {best.fit:.1f} %"
         if len(best.simulated):
-            stamps = rows[-1][1][:: halves.every]
+            stamps = rows[-1][1][halves.first :: halves.every]
             free_run = stamps[len(halves.y) :][: len(best.simulated)], best.simulated
     return draw_proposal(title, rows, free_run, "s" if measured else "sample")

@@ -4,7 +4,7 @@
 
 import pytest
 
-from valve_twin.core.survey import trial
+from valve_twin.core.survey import sides, trial
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.configure import survey
 
@@ -12,7 +12,8 @@ from valve_twin.io.configure import survey
 @pytest.fixture
 def no_black_box(monkeypatch):
     """Try the models of valves, and no black box beside them: half of the CPU of a choice."""
-    monkeypatch.setattr(survey, "try_baseline", lambda *_, **__: None)
+    for module in (survey, sides):
+        monkeypatch.setattr(module, "try_baseline", lambda *_, **__: None)
 
 
 @pytest.fixture

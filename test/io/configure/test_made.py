@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from test.core.survey.test_record import press_columns
 from test.io.configure.test_survey import STEP_S, N, chosen, slew_valve, steps, survey
 from valve_twin.core.types import CycleRule
+from valve_twin.io.configure.proposal import reasons, yaml_text
 
 
 def stroke(seed):
@@ -103,3 +105,55 @@ def test_two_pressures_of_which_one_answers_alone_are_left_apart(tmp_path):
     }
     _, choice = chosen(survey(tmp_path / "a.csv", columns))
     assert choice.pair.answer == "p_pilot_bar"
+
+
+def lines_of(found, choice):
+    return "\n".join(reasons(found, choice, 1))
+
+
+def sides_of(command):
+    return {"open_cmd_V": command.clip(min=0.0), "close_cmd_V": (-command).clip(min=0.0)}
+
+
+@pytest.mark.no_cover
+@pytest.mark.usefixtures("no_black_box")
+@pytest.mark.parametrize("seed", [11, 12])
+def test_a_cylinder_of_two_commands_is_no_press(tmp_path, seed):
+    """Its two solenoids drive it as the press valve's do, whose law knows no dead band."""
+    command, ram = cylinder(seed)
+    found = survey(tmp_path / "a.csv", {**sides_of(command), "ram_mm": ram})
+    found, choice = chosen(found)
+    fits = {t.model: t.fit for t in choice.trials}
+    assert (choice.driven, choice.trials[0].model) == (None, "integrator")
+    assert choice.pair.command == "open_cmd_V - close_cmd_V"
+    assert fits["integrator"] > 95.0 > fits["press_cartridge"]
+    told = f"each later cycle: integrator {fits['integrator']:.1f} %"
+    assert told in lines_of(found, choice)
+    assert 'column: "open_cmd_V - close_cmd_V"' in yaml_text(found, choice, ["a.csv"])
+
+
+@pytest.mark.no_cover
+@pytest.mark.usefixtures("no_black_box")
+@pytest.mark.parametrize("layer", [{}, {"noise": 4e-3, "refresh": 4}])
+def test_a_press_of_two_commands_is_held_against_what_else_follows(tmp_path, layer):
+    table = press_columns(**layer)
+    columns = {f"{k}_cmd": table[k].values for k in ("up", "down")}
+    path = tmp_path / "a.csv"
+    found, choice = chosen(survey(path, {**columns, "spool": table["x"].values}, 0.03))
+    fits = {t.model: t.fit for t in choice.trials}
+    assert (choice.driven.model, choice.trials[0].model) == ("press_cartridge",) * 2
+    assert fits["press_cartridge"] > 85.0
+    rivals = [m for m, fit in fits.items() if fit > fits["press_cartridge"]]
+    lines = lines_of(found, choice)
+    assert f"press_cartridge {fits['press_cartridge']:.1f} %, " in lines
+    assert [f"doubt: {m} follows as well" in lines for m in rivals] == [True] * len(rivals)
+
+
+@pytest.mark.no_cover
+@pytest.mark.usefixtures("no_black_box")
+def test_one_cycle_of_two_commands_says_that_nothing_was_compared(tmp_path):
+    command, ram = cylinder(5)
+    columns = {k: v[:500] for k, v in {**sides_of(command), "ram_mm": ram}.items()}
+    found, choice = chosen(survey(tmp_path / "a.csv", columns))
+    assert choice.driven is not None
+    assert "too few cycles to hold any model against" in lines_of(found, choice)

@@ -34,9 +34,9 @@ def switched():
     return np.where((np.arange(N) % 250) < 120, 35.0, 5.0)
 
 
-def survey(path, columns):
+def survey(path, columns, step_s=STEP_S):
     table = np.column_stack(list(columns.values()))
-    times = STEP_S * np.arange(len(table))
+    times = step_s * np.arange(len(table))
     lines = [f"{t:.2f}," + ",".join(f"{v:.6f}" for v in row)
              for t, row in zip(times, table, strict=True)]  # fmt: skip
     path.write_text("\n".join([",".join(["t_s", *columns]), *lines]), encoding="utf-8")

@@ -4,11 +4,14 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from test.bag_samples import write_sample
+from test.io.configure.test_made import cylinder
 from valve_twin.cli import main
 from valve_twin.core.types import CycleRule, EstimateStatus
 from valve_twin.io.bags.read import BagWriter
@@ -186,6 +189,30 @@ def test_the_position_may_be_named_and_must_be_there(tmp_path):
         propose_yaml(bag, position="/joints:position")
     with pytest.raises(BagError, match=r"no command that moves '/joints:position\[0\]'"):
         propose_yaml(bag, position="/joints:position[0]")
+
+
+@pytest.mark.no_cover
+def test_two_commands_of_a_bag_are_held_against_what_else_follows(tmp_path, capsys):
+    _, bag = press_bag(tmp_path)
+    text = propose_yaml(bag)
+    assert re.search(r"# free run of each later cycle: press_cartridge 9[5-9]\.\d %, ", text)
+    assert "doubt" not in text
+    command, ram = cylinder(11)
+    with BagWriter(tmp_path / "ram") as made:
+        made.add_topic("/joints", "sensor_msgs/msg/JointState", message_definition=JOINT_STATE)
+        for i, (u, y) in enumerate(zip(command, 0.01 * ram, strict=True)):
+            stamp = START_NS + i * 20_000_000
+            both = (max(u, 0.0), max(-u, 0.0))
+            made.write("/joints", joint_state(stamp, (0.4, y), both), log_ns=stamp)
+    file = tmp_path / "ram.yaml"
+    assert main(["configure", str(tmp_path / "ram"), "--out", str(file)]) == 0
+    assert "doubt: integrator follows the difference of both" in capsys.readouterr().err
+    assert load_config(file)[0].model == "press_cartridge"
+    table = tmp_path / "ram.csv"
+    told = ["convert", str(tmp_path / "ram"), "--config", str(file), "--out", str(table)]
+    assert main(told) == 0
+    assert main(["configure", str(table), "--yes", "--out", str(file)]) == 0
+    assert load_config(file)[0].model == "integrator"
 
 
 def test_the_proposal_says_what_each_value_rests_on(tmp_path):

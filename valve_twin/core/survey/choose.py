@@ -29,6 +29,7 @@ _COPY = (
 _LATE_COPY = 2e-4  # likewise of a command some samples ago, assumed
 _FOLLOWS = 0.5  # correlation of the levels where names say the same, assumed
 _MOST_SAMPLES = 3000  # of a trial
+_LEAST_CYCLES, _MOST_CYCLES = 2, 12  # of a trial by cycles
 _WORTH = 20.0  # ARX fit of a pair worth a model [%], assumed
 _CLEAR = 0.5  # correlation of the increments that is enough where names say the same, assumed
 _PAIRS = 3  # pairs tried with models
@@ -73,6 +74,10 @@ class Halves:
         Samples of the answer a step [1].
     u, y, unseen_u, unseen_y : (N,) arrays
         Commands and answers.
+    first : int
+        Sample of the answer with which the first half begins [1].
+    begins, unseen_begins : tuple of int
+        Samples at which cycles begin, each with a free run of its own; empty = one for all [1].
     """
 
     every: int
@@ -80,6 +85,9 @@ class Halves:
     y: FloatArray
     unseen_u: FloatArray
     unseen_y: FloatArray
+    first: int = 0
+    begins: tuple[int, ...] = ()
+    unseen_begins: tuple[int, ...] = ()
 
 
 def halve(signals: Mapping[str, Signal], command: str, answer: str) -> Halves:
@@ -101,6 +109,39 @@ def halve(signals: Mapping[str, Signal], command: str, answer: str) -> Halves:
     middle = int(np.searchsorted(way, 0.5 * way[-1]))
     half = min(max(middle, len(y) // 4), 3 * len(y) // 4)
     return Halves(every, u[:half], y[:half], u[half:], y[half:])
+
+
+def halve_cycles(
+    signals: Mapping[str, Signal], command: str, answer: str, opened_ns: Sequence[int]
+) -> Halves | None:
+    """Return the first cycles of two columns, thinned only where few are long; None = too few.
+
+    Parameters
+    ----------
+    signals : mapping
+        Columns by name.
+    command, answer : str
+        Which.
+    opened_ns : sequence of int
+        Where cycles begin [ns].
+    """
+    grid, y = signals[answer].stamp_ns, signals[answer].values
+    edges = np.searchsorted(grid, opened_ns)[: _MOST_CYCLES + 1]
+    count = int(np.count_nonzero(edges - edges[:1] <= 2 * _MOST_SAMPLES))
+    edges = edges[: max(count, _LEAST_CYCLES + 1)]
+    if len(edges) <= _LEAST_CYCLES:
+        return None
+    every = max(1, -(-int(edges[-1] - edges[0]) // (2 * _MOST_SAMPLES)))
+    part = slice(int(edges[0]), int(edges[-1]), every)
+    at = np.searchsorted(signals[command].stamp_ns, grid[part], side="right") - 1
+    u, y = signals[command].values[np.maximum(at, 0)], y[part]
+    begins = [int(e - edges[0]) // every for e in edges[:-1]]
+    middle = (len(begins) + 1) // 2
+    half = begins[middle]
+    return Halves(
+        every, u[:half], y[:half], u[half:], y[half:], int(edges[0]),
+        tuple(begins[:middle]), tuple(b - half for b in begins[middle:]),
+    )  # fmt: skip
 
 
 def choose_pairs(
@@ -220,12 +261,27 @@ def _misses(u: FloatArray, y: FloatArray, lag: int) -> float:
 
 def _with_baselines(signals: Mapping[str, Signal], pair: Pair) -> Pair:
     """Return a pair with the fits of ARX and of a line."""
-    halves = halve(signals, pair.command, pair.answer)
+    return with_baselines(halve(signals, pair.command, pair.answer), pair)
+
+
+def with_baselines(halves: Halves, pair: Pair) -> Pair:
+    """Return a pair with the fits of ARX and of a line.
+
+    Parameters
+    ----------
+    halves : Halves
+        Its command and answer.
+    pair : Pair
+        Without them.
+    """
     reach = max(1, pair.lag // halves.every)
     model = fit_arx(halves.u, halves.y, (0, 1, reach // 2, reach, 2 * reach))
     arx = nan
     if model is not None:
-        arx = fit_percent(halves.unseen_y, model.free_run(halves.unseen_u, halves.unseen_y))
+        cuts = list(halves.unseen_begins[1:])
+        both = (np.split(x, cuts) for x in (halves.unseen_u, halves.unseen_y))
+        run = [model.free_run(u, y) for u, y in zip(*both, strict=True)]
+        arx = fit_percent(halves.unseen_y, np.concatenate(run))
     line = line_fit(halves.u, halves.y, halves.unseen_u, halves.unseen_y)
     return replace(pair, arx=arx, line=line)
 

@@ -29,6 +29,7 @@ _SHORTEST = 0.5  # of the shortest interval found: the least length that is prop
 _WINDOW_S = 300.0  # fixed window, assumed
 _LEAST_WINDOWS = 3
 _LEAST_IN_WINDOW = 100  # samples
+_COUNTED = "a counter is there"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +46,15 @@ class CyclePlan:
         Fields of `CycleConfig` that it needs, [s] or [1].
     count : int
         Cycles in the record; 0 = not known.
+    opened_ns : tuple of int
+        Where those of two commands begin [ns]; empty = not known.
     """
 
     rule: CycleRule
     reason: str
     values: dict[str, float | str] = field(default_factory=dict)
     count: int = 0
+    opened_ns: tuple[int, ...] = ()
 
 
 def plan_cycles(commands: Sequence[Signal], period_s: float, *, has_counter: bool) -> CyclePlan:
@@ -65,10 +69,12 @@ def plan_cycles(commands: Sequence[Signal], period_s: float, *, has_counter: boo
     has_counter : bool
         Whether a cycle counter was found.
     """
-    if has_counter:
-        return CyclePlan(CycleRule.COUNTER, "a counter is there")
     if len(commands) > 1:
-        return _from_commands(commands[0], commands[1], period_s)
+        plan = _from_commands(commands[0], commands[1], period_s)
+        counted = CyclePlan(CycleRule.COUNTER, _COUNTED, opened_ns=plan.opened_ns)
+        return counted if has_counter else plan
+    if has_counter:
+        return CyclePlan(CycleRule.COUNTER, _COUNTED)
     return _from_reference(commands[0], period_s) or _windows(commands[0], period_s)
 
 
@@ -88,7 +94,7 @@ def _from_commands(start: Signal, rearm: Signal, period_s: float) -> CyclePlan:
         "threshold": threshold,
         "min_cycle_s": _least(opened, period_s),
     }
-    return CyclePlan(CycleRule.COMMANDS, _found(opened), values, len(opened))
+    return CyclePlan(CycleRule.COMMANDS, _found(opened), values, len(opened), tuple(opened))
 
 
 def _from_reference(command: Signal, period_s: float) -> CyclePlan | None:

@@ -134,7 +134,7 @@ class Views:
         """
         grid = self.signals[target].stamp_ns
         step_s = float(np.median(np.diff(grid))) / 1e9 * every
-        held = {k: _hold(s, grid[part]) for k, s in self.signals.items()}
+        held = {k: hold(s, grid[part]) for k, s in self.signals.items()}
         n = len(grid[part])
         return _View(every, min(max(_LEAST_LAGS, round(_MAX_LAG_S / step_s)), n // 4), held)
 
@@ -361,7 +361,16 @@ def _correlations(a: FloatArray, b: FloatArray, max_lag: int) -> FloatArray:
     return both
 
 
-def _hold(signal: Signal, at_ns: IntArray) -> FloatArray:
+def hold(signal: Signal, at_ns: IntArray) -> FloatArray:
+    """Return the last value of a column at some times, (N,) [its own unit].
+
+    Parameters
+    ----------
+    signal : Signal
+        The column.
+    at_ns : (N,) array
+        Times [ns].
+    """
     index = np.searchsorted(signal.stamp_ns, at_ns, side="right") - 1
     held: FloatArray = signal.values[np.maximum(index, 0)]
     return held

@@ -85,6 +85,8 @@ class Proposal:
         How regular it is.
     lag : int
         Command to position [samples of the position].
+    correlation : float
+        Of commands and position, the lesser of two [1].
     max_delay_s : float
         Longest delay worth trying [s].
     cycles : CyclePlan
@@ -98,6 +100,7 @@ class Proposal:
     period_s: float
     period_evidence: str
     lag: int
+    correlation: float
     max_delay_s: float
     cycles: CyclePlan
     left_out: tuple[str, ...]
@@ -145,6 +148,9 @@ def propose(signals: Mapping[str, Signal], *, position: str = "") -> Proposal | 
         period_s=period_s,
         period_evidence=evidence,
         lag=found.lag,
+        correlation=min(found.rising, -found.falling)
+        if isinstance(found, Driven)
+        else found.correlation,
         max_delay_s=(2 * found.lag + _DELAY_MARGIN) * period_s,
         cycles=plan_cycles(
             [_mapped(movers[r.source], r) for r in roles if r.source in movers][1:],

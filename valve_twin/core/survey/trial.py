@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle, model_in_force
 from valve_twin.core.prediction import fit_percent, restart_marks, run_model
 from valve_twin.core.quantity import describe
-from valve_twin.core.types import Cycle, EstimateStatus, Frames
+from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Frames, Restart
 from valve_twin.core.valves.registry import complete_options, get_model, model_names
 
 if TYPE_CHECKING:
@@ -110,12 +111,25 @@ def try_models(
     best = max((t.fit for t in trials if np.isfinite(t.fit)), default=0.0)
 
     def rank(trial: Trial) -> tuple[bool, int, bool, float]:
-        near = 100.0 - trial.fit <= _MARGIN * (100.0 - best)
+        near = as_good(trial.fit, best)
         terms = sum(value is True for value in trial.options.values()) if near else 0
         example = near and not get_model(trial.model).proposed_for
         return not near, terms, example, -float(np.nan_to_num(trial.fit, nan=-1e9))
 
     return sorted(trials, key=rank)
+
+
+def as_good(fit: float, best: float, margin: float = _MARGIN) -> bool:
+    """Return whether a misfit is at most so many times the least.
+
+    Parameters
+    ----------
+    fit, best : float
+        Fits, NaN = none [%].
+    margin : float
+        That many times [1].
+    """
+    return 100.0 - fit <= margin * (100.0 - best)
 
 
 def _valves() -> list[ValveModel]:
@@ -157,6 +171,8 @@ def try_baseline(
         y=halves.y[::thin],
         unseen_u=halves.unseen_u[::thin],
         unseen_y=halves.unseen_y[::thin],
+        begins=tuple(b // thin for b in halves.begins),
+        unseen_begins=tuple(b // thin for b in halves.unseen_begins),
     )
     tried = _grown(generic[0], part, period_s, maps, lag + _REACH)[0]
     if thin > 1:  # one value a sample, as the others
@@ -168,20 +184,21 @@ def try_baseline(
 def try_sides(model: ValveModel, halves: Halves, period_s: float, answer: Mapping01) -> Trial:
     """Return what a model of two one-sided commands makes of the two sides of one, at 0 at rest.
 
+    It is fitted cycle by cycle, as its twin does it.
+
     Parameters
     ----------
     model : ValveModel
         That model.
     halves : Halves
-        Command and answer.
+        Command to 0..1 on either side of 0, and answer.
     period_s : float
         Of the answer in the record [s].
     answer : Mapping01
         Answer to 0..1.
     """
-    largest = float(np.abs(halves.u).max()) or 1.0
     return _try(
-        model, {}, halves, period_s * halves.every, (Mapping01(1.0 / largest, 0.0), answer)
+        model, {}, halves, period_s * halves.every, (Mapping01(1.0, 0.0), answer), halves.begins
     )
 
 
@@ -241,9 +258,11 @@ def _try(
     halves: Halves,
     step_s: float,
     maps: tuple[Mapping01, Mapping01],
+    begins: tuple[int, ...] = (),
 ) -> Trial:
     command, answer = maps
-    train = _frames(model, command.of(halves.u), answer.of(halves.y), 0, step_s)
+    u, y = command.of(halves.u), answer.of(halves.y)
+    cuts = [0, *begins[1:], len(y)]
     unseen = _frames(
         model, command.of(halves.unseen_u), answer.of(halves.unseen_y), len(halves.u), step_s
     )
@@ -253,7 +272,12 @@ def _try(
     if isinstance(reach := given.get("max_lag"), int):
         given["max_lag"] = -(-reach // halves.every)
     complete = complete_options(model, given)
-    estimates, memory = estimate_cycle(model, complete, Cycle(1, step_s, train), Memory.empty())
+    estimates: list[Estimate] = []
+    memory = Memory.empty()
+    for number, (a, b) in enumerate(pairwise(cuts), start=1):
+        train = _frames(model, u[a:b], y[a:b], a, step_s)
+        made, memory = estimate_cycle(model, complete, Cycle(number, step_s, train), memory)
+        estimates += made
     force = model_in_force(model, memory, step_s, complete)
     fit, reason, simulated = float("nan"), "", np.empty(0)
     if force is None:
@@ -261,6 +285,9 @@ def _try(
         reason = refused[0] if refused else "not every parameter is known"
     else:
         marks = restart_marks(unseen, step_s)
+        anew = np.array(halves.unseen_begins, dtype=np.int64)
+        anew = anew[marks[anew] == Restart.GO_ON]
+        marks[anew] = Restart.NEW_CYCLE
         run = run_model(model, model.initial_state(), force.coefficients, unseen, marks)
         fit = fit_percent(unseen.position[unseen.valid], run.simulated[unseen.valid])
         simulated = (run.simulated - answer.offset) / answer.scale

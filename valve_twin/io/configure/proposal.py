@@ -118,7 +118,11 @@ def _period(survey: Survey) -> str:
 
 def _model(choice: Choice) -> tuple[str, str]:
     if choice.driven is not None:
-        return choice.driven.model, "two commands drive the rate of a position both ways"
+        why = "two commands drive the rate of a position both ways"
+        fits = (
+            f"; free run of later cycles {_percent(choice.trials[0].fit)}" if choice.trials else ""
+        )
+        return choice.driven.model, why + fits
     if choice.repeat is not None:
         known = "limit switches and no position" if choice.repeat.command else "no command"
         return choice.repeat.model, f"{known} recorded; {choice.plan.reason}"
@@ -283,7 +287,7 @@ def reasons(survey: Survey, choice: Choice, count: int) -> list[str]:
     """
     first = survey.recordings[0]
     looked = f", of which the first {MOST_FILES} were looked at" if count > MOST_FILES else ""
-    channels = len(first.columns)
+    channels = len({c.name for c in first.columns} - survey.made.keys())
     lines = [f"files: {count}{looked}; {channels} channels, {len(survey.still)} never change"]
     lines += [f"left out: {text}" for text in survey.refused[:_SHOWN]]
     notices = [text for r in survey.recordings for text in r.notices]
@@ -296,6 +300,7 @@ def reasons(survey: Survey, choice: Choice, count: int) -> list[str]:
     lines += [f"refused: {text}" for text in list(choice.copies.values())[:_SHOWN]]
     if choice.driven is not None:
         lines += [f"{r.signal}: '{r.source}': {r.evidence}" for r in choice.driven.roles]
+        lines += _trial_lines(choice)
     elif choice.repeat is not None and choice.repeat.command:
         lines += [
             f"command: '{choice.repeat.command}' begins each cycle",
@@ -361,6 +366,15 @@ def _pair_lines(survey: Survey, choice: Choice) -> list[str]:
             f"'{p.command}' -> '{p.answer}' (ARX {_percent(p.arx)})" for p in choice.others
         )
         lines.append(f"other pairs: {near}")
+    return lines + _trial_lines(choice)
+
+
+def _trial_lines(choice: Choice) -> list[str]:
+    """Say how well the models followed that were tried, and why the choice is in doubt."""
+    pair = choice.pair
+    if pair is None:
+        return ["doubt: too few cycles to hold any model against; give a longer part"]
+    best, halves = choice.trials[0], choice.halves
     tried: dict[str, tuple[float, str]] = {}
     for trial in choice.trials:
         tried.setdefault(trial.model, (trial.fit, trial.reason))
@@ -368,11 +382,18 @@ def _pair_lines(survey: Survey, choice: Choice) -> list[str]:
         f"{name} {_percent(fit)}" + (f" ({why[:60]})" if why else "")
         for name, (fit, why) in tried.items()
     )
-    lines.append(
-        f"models, free run on the half that was not fitted: {told}; beside them ARX "
+    on = "each later cycle" if halves and halves.begins else "the half that was not fitted"
+    lines = [
+        f"models, free run on {on}: {told}; beside them ARX "
         f"{_percent(pair.arx)}, a line through the command {_percent(pair.line)}"
         f"{_black_box(choice)}"
-    )
+    ]
+    rival = next((t for t in choice.trials if t.fit > best.fit), None)
+    if choice.driven is not None and rival is not None:
+        lines.append(
+            f"doubt: {rival.model} follows as well: where the commands move a cylinder, a tank "
+            f"or a drive, take it with '{pair.command}'"
+        )
     box = choice.baseline.fit if choice.baseline is not None else math.nan
     beside = (pair.arx, pair.line, box - _TIE, 0.0)
     peer = max((f for f in beside if math.isfinite(f)), default=0.0)

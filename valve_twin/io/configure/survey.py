@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,13 +21,15 @@ from valve_twin.core.survey.cycles import (
 from valve_twin.core.survey.pairs import Signal
 from valve_twin.core.survey.record import Proposal, propose
 from valve_twin.core.survey.repeats import Repeat, find_repeat
-from valve_twin.core.survey.trial import Mapping01, Trial, try_baseline, try_models, try_sides
+from valve_twin.core.survey.sides import compare_sides, roles_of_sides
+from valve_twin.core.survey.trial import Mapping01, Trial, try_baseline, try_models
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.configure.channels import Survey, unit_of
+from valve_twin.io.configure.channels import Survey, add_channels, unit_of
 from valve_twin.io.configure.made import better_difference, split_command
 from valve_twin.io.configure.switches import find_switches
 from valve_twin.io.errors import BagError, ConfigError
+from valve_twin.io.instruments.derived import difference
 from valve_twin.io.instruments.units import known_unit
 
 if TYPE_CHECKING:
@@ -116,16 +119,14 @@ def choose(survey: Survey, *, position: str = "") -> tuple[Survey, Choice]:
         return survey, Choice(_doubted(survey, timing[1].plan), repeat=timing[1])
     pairs, copies = choose_pairs(signals, roles, position=position)
     driven = _driven(survey, pairs, position)
-    if driven is None and pairs and pairs[0].named:
-        split, driven = split_command(survey, pairs[0]) or (survey, None)
-        better = None if driven is None else _integrated(survey, pairs[0], driven, copies)
-        if better is not None:
-            return better
-        survey = split
     if driven is not None:
-        answer = driven.roles[0].source
-        plan = _doubted(survey, driven.cycles)
-        return _timed(survey, answer), Choice(plan, driven=driven, copies=copies)
+        _, up, down = roles_of_sides(driven)
+        whole = difference(up.source, down.source)
+        added = add_channels(survey, {whole: up.source}, ("command",))
+        return _driven_or_not(added, driven, whole, copies)
+    split = split_command(survey, pairs[0]) if pairs and pairs[0].named else None
+    if split is not None:
+        return _driven_or_not(*split, pairs[0].command, copies)
     unsure = not (pairs and (pairs[0].named or pairs[0].arx > _SURE))
     if unsure:
         own = {k: s for k, s in signals.items() if k not in copies}
@@ -192,22 +193,35 @@ def _driven(survey: Survey, pairs: Sequence[Pair], position: str) -> Proposal | 
     return None
 
 
-def _integrated(
-    survey: Survey, pair: Pair, driven: Proposal, copies: dict[str, str]
-) -> tuple[Survey, Choice] | None:
-    """Return one command that the answer integrates where that fits better than its two sides."""
-    signals = {k: survey.signals[k] for k in (pair.command, pair.answer)}
-    whole = find_integrated(signals, survey.roles, position=pair.answer, nameless=True)
-    if whole is None:
-        return None
-    timed, choice = _followed(survey, [whole], copies)
-    if choice.halves is None or get_model(choice.trials[0].model).proposed_for != "integrated":
-        return None
-    model, answer = get_model(driven.model), _maps(survey, whole)[1]
-    sides = try_sides(model, choice.halves, timed.period_s, answer)
-    if not choice.trials[0].fit > np.nan_to_num(sides.fit):
-        return None
-    return timed, replace(choice, trials=[*choice.trials, sides])
+def _driven_or_not(
+    survey: Survey, driven: Proposal, whole: str, copies: dict[str, str]
+) -> tuple[Survey, Choice]:
+    """Return two commands that drive a position, or `whole` where one follows it better."""
+    answer, *sides = roles_of_sides(driven)
+    survey = _timed(survey, answer.source)
+    plain = Choice(_doubted(survey, driven.cycles), driven=driven, copies=copies)
+    found = compare_sides(
+        survey.signals,
+        driven,
+        survey.signals[whole],
+        partial(_maps, survey),
+        period_s=survey.period_s,
+        kind=(list(survey.roles.get(answer.source, ())) or [""])[0],
+        named=all("command" in survey.roles.get(r.source, ()) for r in sides),
+    )
+    if found is None:
+        return survey, plain
+    tried = replace(
+        plain,
+        pair=found.pair,
+        trials=found.trials,
+        halves=found.halves,
+        baseline=found.baseline,
+    )
+    if found.two:
+        return survey, tried
+    plan = _doubted(survey, _cut(survey, found.pair, found.trials[0]))
+    return survey, replace(tried, driven=None, plan=plan)
 
 
 def _followed(survey: Survey, pairs: list[Pair], copies: dict[str, str]) -> tuple[Survey, Choice]:

@@ -12,6 +12,8 @@ import numpy as np
 from valve_twin.core.quantity import describe, suggest
 from valve_twin.core.survey.pairs import Signal
 from valve_twin.core.survey.record import Proposal, Role, propose
+from valve_twin.core.survey.sides import compare_sides, difference_of
+from valve_twin.core.survey.trial import Mapping01
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.bags.read import bag_info, bag_types, read_signals
@@ -19,7 +21,7 @@ from valve_twin.io.cdr.signals import SignalSource
 from valve_twin.io.errors import BagError, ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from valve_twin.core.types import FloatArray, IntArray
@@ -85,7 +87,51 @@ def propose_yaml(bag: str | Path, *, position: str = "") -> str:
     proposal = propose(signals, position=position)
     if proposal is None:
         raise BagError(_nothing(bag, sources, position, _still(signals)))
-    return _text(bag, proposal, sources, received, _still(signals))
+    told = _compared(bag, signals, proposal)
+    return _text(bag, proposal, sources, received, _still(signals), told)
+
+
+DOUBT = "doubt: "
+"""What a line of the proposal begins with that a user should read first."""
+
+
+def _compared(bag: str | Path, signals: Mapping[str, Signal], proposal: Proposal) -> list[str]:
+    """Say how well other models follow later cycles where two commands drive a position."""
+    if get_model(proposal.model).proposed_for != "driven":
+        return []
+    whole = difference_of(signals, proposal, mapped=False)
+    columns = {**signals, "difference": replace(whole, name="difference")}
+    found = compare_sides(
+        signals,
+        proposal,
+        columns["difference"],
+        lambda pair: (_range01(columns[pair.command]), _range01(columns[pair.answer])),
+        period_s=proposal.period_s,
+        kind="position",
+    )
+    if found is None:
+        return [f"{DOUBT}too few cycles to hold any model against; give a longer bag"]
+    tried: dict[str, str] = {}
+    for t in found.trials:
+        fit = f"{t.fit:.1f} %" if np.isfinite(t.fit) else f"none ({t.reason[:60]})"
+        tried.setdefault(t.model, f"{t.model} {fit}")
+    beside = {"ARX": found.pair.arx, "a line through the command": found.pair.line}
+    if found.baseline is not None:
+        beside[f"a black box ({found.baseline.model})"] = found.baseline.fit
+    others = (f"{name} {fit:.1f} %" for name, fit in beside.items() if np.isfinite(fit))
+    lines = [f"free run of each later cycle: {', '.join((*tried.values(), *others))}"]
+    if not found.two:
+        lines.append(
+            f"{DOUBT}{found.trials[0].model} follows the difference of both commands better (a "
+            f"cylinder, a tank, a drive), which no bag holds: valve-twin convert {bag} --config "
+            "FILE --out X.csv, then valve-twin configure X.csv"
+        )
+    return lines
+
+
+def _range01(signal: Signal) -> Mapping01:
+    low, high = float(signal.values.min()), float(signal.values.max())
+    return Mapping01(1.0 / (high - low), -low / (high - low))
 
 
 def _still(signals: Mapping[str, Signal]) -> dict[str, float]:
@@ -177,6 +223,7 @@ def _text(
     sources: dict[str, SignalSource],
     received: set[str],
     still: Mapping[str, float],
+    told: Sequence[str],
 ) -> str:
     lines = [
         f"# Proposed from {bag}: every value is a guess with its reason; check each before use.",
@@ -184,6 +231,7 @@ def _text(
         "/**:",
         "  ros__parameters:",
         f"    model: {proposal.model}",
+        *(f"    # {line}" for line in told),
         f"    period_s: {number_text(proposal.period_s)}   # {proposal.period_evidence} [s]",
         f"    hold_back_s: {number_text(max(2.0, 5.0 * proposal.period_s))}   # {HELD_BACK} [s]",
         f"    # lag from command to position: {proposal.lag} samples; every cycle is scanned anew",
