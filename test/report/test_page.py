@@ -23,6 +23,7 @@ from valve_twin.core.types import (
 )
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.report import ReportData, render_report, write_report
+from valve_twin.report.tables import refused_cycles
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -265,6 +266,21 @@ class TestHonesty:
         after = Structure(render_report(dataclasses.replace(data, estimates=made))).text
         count = re.compile(r"(\d+) refused")
         assert int(count.findall(after)[0]) == int(count.findall(before)[0]) + 1
+
+    def test_a_cycle_that_was_cut_off_counts_as_refused_once(self, example: ModuleType) -> None:
+        """Estimation is handed it as well and stores an estimate that is refused."""
+        data = example.report_data()
+        last = data.trend_estimates[-1]
+        silent = dataclasses.replace(last, status=EstimateStatus.REFUSED, reason="cut off")
+        estimates = tuple(silent if e is last else e for e in data.estimates)
+        own = next(c for c in data.cycles if c.cycle == last.cycle)
+        short = dataclasses.replace(own, accepted=False, reason="cut off")
+        cycles = tuple(short if c is own else c for c in data.cycles)
+        made = dataclasses.replace(data, estimates=estimates, cycles=cycles)
+        count = re.compile(r"(\d+) refused")
+        before, after = (Structure(render_report(d)).text for d in (data, made))
+        assert int(count.findall(after)[0]) == int(count.findall(before)[0]) + 1
+        assert [row[2] for row in refused_cycles(made).rows].count("cut off") == 1
 
     def test_escapes_everything_that_comes_from_outside(self, data: ReportData) -> None:
         evil = '<script>alert("x")</script>&'

@@ -19,7 +19,13 @@ from valve_twin.core.quantity import describe, example
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import History
-from valve_twin.io.history.tiers.reading import condensates, condensed, undisturbed, whole_past
+from valve_twin.io.history.tiers.reading import (
+    condensates,
+    condensed,
+    condensed_refused,
+    undisturbed,
+    whole_past,
+)
 from valve_twin.io.offline.baseline import compare_baselines
 from valve_twin.io.offline.run import join_predictions
 from valve_twin.io.offline.sources import NOT_MEASURED
@@ -298,5 +304,6 @@ def _read(history: History, valve: str, aging: AgingConfig, model: str) -> Repor
         version=__version__,
         written_ns=time.time_ns(),
         condensed=condensed(history, valve),
+        condensed_refused=condensed_refused(history, valve),
         condensates=tuple(condensates(history, valve, estimator=of)),
     )

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from valve_twin.core.types import EstimateStatus
 from valve_twin.io.history.tiers.reading import counted
 
 if TYPE_CHECKING:
@@ -81,6 +82,9 @@ class ReportData:
         What the whole page has to be read with, at its head; empty = nothing.
     condensed : Condensed or None
         How far its cycles are condensed in the history: they are not among `cycles`.
+    condensed_refused : int or None
+        From how many of those nothing was learnt [1]; None = older versions condensed them and
+        tell only which were not accepted.
     condensates : tuple of Condensate
         What the days of condensed cycles say of the parameters that are followed.
     language : str
@@ -113,6 +117,7 @@ class ReportData:
     files: Mapping[int, str] = field(default_factory=dict)
     warning: str = ""
     condensed: Condensed | None = None
+    condensed_refused: int | None = 0
     condensates: tuple[Condensate, ...] = ()
     language: str = "en"
 
@@ -130,6 +135,26 @@ class ReportData:
     def trend_estimates(self) -> tuple[Estimate, ...]:
         """The estimates that feed the trend."""
         return tuple(e for e in self.estimates if e.used_by_trend)
+
+    @property
+    def refused(self) -> dict[int, str]:
+        """Why nothing was learnt from a cycle that is not condensed, by its number."""
+        until = self.condensed.cycle if self.condensed else 0
+        found = {
+            e.cycle: e.reason
+            for e in self.trend_estimates
+            if e.status is EstimateStatus.REFUSED and e.cycle > until
+        }
+        plain = {c.cycle: c.reason or "no reason recorded" for c in self.cycles if not c.accepted}
+        return found | plain
+
+    @property
+    def refused_before(self) -> int:
+        """From how many condensed cycles nothing was learnt, as far as that is known [1]."""
+        if self.condensed is None:
+            return 0
+        least = self.condensed.cycles - self.condensed.accepted
+        return least if self.condensed_refused is None else self.condensed_refused
 
     def parameter(self, name: str) -> Parameter | None:
         """Return what is known about a parameter."""

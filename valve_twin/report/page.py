@@ -125,6 +125,7 @@ def render_report(data: ReportData) -> str:
         last=estimates_table(data),
         budget=budget_section(data.budget),
         refused_cycles=refused_cycles(data),
+        refused_before=data.refused_before,
         source_files=source_files(data),
         refused_parameters=refused_parameters(data),
         quality=quality(data),
@@ -168,10 +169,11 @@ def _light(data: ReportData) -> Light:
 
 def _facts(data: ReportData) -> list[tuple[str, str, str]]:
     """Return what stands in large figures: name, value, remark."""
-    totals = data.totals
-    silent = sum(e.status is EstimateStatus.REFUSED for e in data.trend_estimates)
-    refused, lost = totals.cycles - totals.accepted + silent, totals.lost
-    facts = [("Cycles", count(totals.cycles), f"{count(refused)} refused")]
+    totals, lost = data.totals, data.totals.lost
+    refused = f"{count(len(data.refused) + data.refused_before)} refused"
+    if data.condensed_refused is None:
+        refused = f"at least {refused}"
+    facts = [("Cycles", count(totals.cycles), refused)]
     used = [e for e in data.trend_estimates if e.status is not EstimateStatus.REFUSED]
     if used:
         fit, which = used[-1].fit_test, "test: model from the cycles before"

@@ -202,14 +202,13 @@ def _value_cell(p: ParameterValue | None) -> str:
 
 def refused_cycles(data: ReportData) -> Table:
     """Return the cycles nothing was learnt from, and why; newest first."""
-    started = {c.cycle: c.start_ns for c in data.cycles}
-    found = [(c.cycle, c.reason or "no reason recorded") for c in data.cycles if not c.accepted]
-    refused = [e for e in data.trend_estimates if e.status is EstimateStatus.REFUSED]
-    started = {e.cycle: e.start_ns for e in refused} | started
-    found += [(e.cycle, e.reason) for e in refused]
-    found.sort(key=lambda row: -row[0])
+    refused = data.refused
+    started = {e.cycle: e.start_ns for e in data.trend_estimates if e.cycle in refused}
+    started |= {c.cycle: c.start_ns for c in data.cycles}
+    found = sorted(refused.items(), reverse=True)
     rows = [[str(cycle), when(started[cycle]), why] for cycle, why in found[:MAX_ROWS]]
-    more = f"the newest {MAX_ROWS} of {len(found)}" if len(found) > MAX_ROWS else ""
+    total = len(found) + data.refused_before
+    more = f"the newest {len(rows)} of {total}" if total > len(rows) > 0 else ""
     head = ["Cycle", "Start", "Why it was refused"]
     if data.files:
         head.append("File")

@@ -21,7 +21,12 @@ HOUR_S, DAY_S = 3600, 86400
 """Spans of time that cycles are condensed over, as the clock of the data divides it [s]."""
 
 OF_CYCLES = ""
-"""Estimator of what is said of the cycles themselves: accepted, samples, lost, length_s."""
+"""Estimator of what is said of cycles themselves: accepted, refused, samples, lost, length_s."""
+
+REFUSED = "refused"
+"""Whether nothing was learnt from a cycle: it is not accepted, or the trend's estimate is refused.
+
+Histories that were condensed by older versions do not hold it."""
 
 _SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)
 

@@ -2,16 +2,19 @@
 # Copyright 2026 valve_twin maintainers
 """Who reads a history is told where it is condensed, and never reads half of each."""
 
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import sqlalchemy as sa
 
 from test.io.history.tiers.test_condense import KEEP, VALVE, store
 from valve_twin.cli import main
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.io.history.store import CycleRecord, History
+from valve_twin.io.history.tables import CONDENSATE
 from valve_twin.io.history.tiers import condense as module
 from valve_twin.io.history.tiers.condense import Retention, condense
 from valve_twin.io.history.tiers.reading import (
@@ -133,3 +136,28 @@ def test_a_condensed_copy_in_its_place_gets_only_what_came_since(history, tmp_pa
     history.store(VALVE, CycleRecord(601, 601 * 10**12, 601 * 10**12 + 1, 800))
     assert condensed_until(history, VALVE) == 287
     assert [c.cycle for c in history.cycles(VALVE)] == list(range(288, 602))
+
+
+def refused_on_page(history):
+    page = render_report(history_data(history, VALVE, AgingConfig(max_candidates=60)))
+    listed = re.findall(r"the newest (\d+) of (\d+)", page)
+    return re.findall(r"((?:at least )?\d+) refused", page)[0], listed
+
+
+def test_refused_cycles_count_though_they_are_condensed(history):
+    rough = replace(history.cycles(VALVE)[-1], cycle=601, accepted=False, reason="cut off")
+    history.store(VALVE, rough, [])
+    assert refused_on_page(history) == ("13", [])
+    condense(history, VALVE, KEEP)
+    kept = sum(c.cycle % 50 == 0 for c in history.cycles(VALVE)) + 1
+    assert refused_on_page(history) == ("13", [(str(kept), "13")])
+    history.store(VALVE, replace(rough, cycle=602), [])
+    assert refused_on_page(history)[0] == "14"
+
+
+def test_refused_cycles_that_an_older_version_condensed_are_no_exact_number(history):
+    condense(history, VALVE, KEEP)
+    with history.writing(VALVE) as (connection, _):
+        connection.execute(sa.delete(CONDENSATE).where(CONDENSATE.c.parameter == "refused"))
+    kept = sum(c.cycle % 50 == 0 for c in history.cycles(VALVE))
+    assert refused_on_page(history) == (f"at least {kept}", [])

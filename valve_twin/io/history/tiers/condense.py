@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import sqlalchemy as sa
 
 from valve_twin.core.diagnosis.features import ESTIMATOR
-from valve_twin.core.past.condensate import DAY_S, HOUR_S, OF_CYCLES, Condensed, Condenser
+from valve_twin.core.past.condensate import DAY_S, HOUR_S, OF_CYCLES, REFUSED, Condensed, Condenser
+from valve_twin.core.types import EstimateStatus
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.check_sums import sealed
 from valve_twin.io.history.tables import (
@@ -219,19 +220,22 @@ def _condense_to(
     there = _number(history, of_valve(CYCLE, valve).where(new), sa.func.count())
     by_hour, by_day = Condenser((HOUR_S,)), Condenser((DAY_S,))
     records, estimates = [], []
+    silent: set[int] = set()
     held_before = state.cycles()
+    for row in _pages(history, valve, ESTIMATE, first, last):
+        estimate = row_estimate(row)
+        state.add(estimate)
+        estimates.append(_Row(row["id"], row["cycle"], row["estimator"], row["used_by_trend"]))
+        if estimate.used_by_trend and estimate.status is EstimateStatus.REFUSED:
+            silent.add(estimate.cycle)
+        for condenser in (by_hour, by_day) if estimate.end_ns >= hours_from else (by_day,):
+            condenser.add_estimate(estimate)
     for row in _pages(history, valve, CYCLE, first, last):
         record = from_row(CycleRecord, row)
         records.append(record)
         for condenser in (by_hour, by_day) if record.end_ns >= hours_from else (by_day,):
             own = record.cycle, record.start_ns, record.end_ns
-            condenser.add(*own, OF_CYCLES, _values(record))
-    for row in _pages(history, valve, ESTIMATE, first, last):
-        estimate = row_estimate(row)
-        state.add(estimate)
-        estimates.append(_Row(row["id"], row["cycle"], row["estimator"], row["used_by_trend"]))
-        for condenser in (by_hour, by_day) if estimate.end_ns >= hours_from else (by_day,):
-            condenser.add_estimate(estimate)
+            condenser.add(*own, OF_CYCLES, _values(record, silent=record.cycle in silent))
     done = replace(counted(before, records, len(estimates)), cycle=last)
     found = [*by_hour.result(), *by_day.result()]
     text, held = state_text(state), state.cycles()
@@ -294,10 +298,11 @@ def _pages(
         at = [rows[-1][place.name] for place in places]
 
 
-def _values(record: CycleRecord) -> dict[str, float]:
-    """Return what is condensed of a cycle itself, by name."""
+def _values(record: CycleRecord, *, silent: bool) -> dict[str, float]:
+    """Return what is condensed of a cycle itself, by name; a silent one gave no estimate."""
     return {
         "accepted": float(record.accepted),
+        REFUSED: float(silent or not record.accepted),
         "samples": float(record.samples),
         "lost": float(record.lost),
         "length_s": (record.end_ns - record.start_ns) * 1e-9,

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
-from valve_twin.core.past.condensate import DAY_S, Condensate, Condensed
+from valve_twin.core.past.condensate import DAY_S, OF_CYCLES, REFUSED, Condensate, Condensed
 from valve_twin.core.past.state import AgingState
 from valve_twin.io.history.tables import CONDENSATE, CONDENSED, ESTIMATE, from_row, row_estimate
 from valve_twin.io.history.tiers.state import text_state
@@ -67,6 +67,23 @@ def condensates(
         query = query.where(CONDENSATE.c.estimator == estimator)
     query = query.order_by(CONDENSATE.c.cycle, CONDENSATE.c.id)
     return [from_row(Condensate, row) for row in history.sound(CONDENSATE, query)]
+
+
+def condensed_refused(history: History, valve: str) -> int | None:
+    """Return from how many condensed cycles of a valve nothing was learnt; None = not all told it.
+
+    Parameters
+    ----------
+    history : History
+        Where they are.
+    valve : str
+        Its name.
+    """
+    found = condensates(history, valve, parameter=REFUSED, estimator=OF_CYCLES)
+    done = condensed(history, valve)
+    if done is not None and sum(day.count for day in found) != done.cycles:
+        return None
+    return sum(round(day.mean * day.count) for day in found)
 
 
 def counted(
