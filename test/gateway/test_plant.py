@@ -124,6 +124,23 @@ def test_a_file_put_in_its_place_is_opened_anew(path, tmp_path):
     assert [row.valve for row in view.rows] == ["/c"]
 
 
+def test_a_history_that_goes_and_comes_back_is_told_once_each(path, monkeypatch, caplog):
+    monkeypatch.setattr(module, "RETRY_S", 0.0)
+    plant = Plant(str(path))
+    assert not plant.view().failure
+    aside = path.rename(path.with_name("aside"))
+    for _ in range(3):
+        assert "no such file" in plant.view().failure
+    aside.rename(path)
+    assert not plant.view().failure
+    told = [r.getMessage() for r in caplog.records]
+    assert told == [
+        f"{path}: cannot be opened: there is no such file: check the path; what was read before "
+        "is shown meanwhile",
+        f"{path}: is read again",
+    ]
+
+
 def test_a_valve_that_cannot_be_assessed_says_so_and_spoils_no_other(path, monkeypatch):
     describe = describe_valve
 

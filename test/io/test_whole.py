@@ -47,7 +47,7 @@ def test_what_is_written_is_on_the_disk_before_it_gets_the_name(tmp_path, monkey
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(os, "replace", replaced)
     write_whole(tmp_path / "a.txt", "content")
-    assert done == ["fsync", "replace"]
+    assert done == ["fsync", "replace", "fsync"]  # the name, too
     assert (tmp_path / "a.txt").read_text() == "content"
 
 

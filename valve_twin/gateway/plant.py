@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from dataclasses import replace
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from valve_twin.io.history.valves.marks import Mark
 
     StoredCycle: TypeAlias = tuple[CycleRecord, list[Estimate]]
+
+_LOGGER = logging.getLogger("valve_twin")
 
 REFRESH_S = 2.0
 """The history is asked at most so often, however many look [s]."""
@@ -141,6 +144,7 @@ class Plant:
         self._states: dict[str, tuple[Mark, ValveState]] = {}
         self._courses: dict[str, tuple[float, ...]] = {}
         self._details = DetailsOf()
+        self._told_failure = ""
         self._first, self._begun = threading.Event(), _FirstReading("", {}, {}, {})
 
     @property
@@ -352,11 +356,22 @@ class Plant:
             so_far = self._begun.view()  # empty but for a first reading
             self._view = replace(so_far if so_far.rows else self._view, failure=str(err))
             self._begun = _FirstReading("", {}, {}, {})
+            if self._view.read_ns:  # else whoever opened it says so
+                self._tell(str(err))
             return
+        self._tell("")
         states = [state for _, state in self._states.values()]
         found = _shown(states, nameless, history.where, self._nameplates)
         self._view = replace(found, courses=dict(self._courses), whole=True)
         self._begun = _FirstReading("", {}, {}, {})
+
+    def _tell(self, failure: str) -> None:
+        """Say once that the history cannot be read, and once that it is read again."""
+        if failure and not self._told_failure:
+            _LOGGER.warning("%s; what was read before is shown meanwhile", failure)
+        elif self._told_failure and not failure:
+            _LOGGER.warning("%s: is read again", self.where)
+        self._told_failure = failure
 
     def _opened(self) -> History:
         if self._history is not None and self._history.moved:

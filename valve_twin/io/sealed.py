@@ -11,7 +11,7 @@ import os
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from valve_twin.io.bags.file import sync_folder
+from valve_twin.io.whole import sync_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

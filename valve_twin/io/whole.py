@@ -9,6 +9,10 @@ import os
 import shutil
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 _DESCRIPTORS = ("/dev/std", "/dev/fd/", "/proc/")
 """What is named so is open in some process, as standard output: nothing can take its place."""
@@ -20,7 +24,9 @@ _SHOWN = 50
 """Letters of a name that its part has, too: a name may have 255 bytes at most [1]."""
 
 
-def write_whole(path: str | Path, content: str | bytes) -> None:
+def write_whole(
+    path: str | Path, content: str | bytes, sync: Callable[[int], object] | None = None
+) -> None:
     """Write a file beside its place and put it there once it is complete.
 
     What is no plain file, such as a pipe, and a file that cannot be replaced, as in a folder that
@@ -32,6 +38,8 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
         File; one that exists is replaced and keeps its access rights.
     content : str or bytes
         Text is written as UTF-8.
+    sync : callable, optional
+        Called with the file number to put it on disk before it gets its name; default `os.fsync`.
 
     Raises
     ------
@@ -41,7 +49,7 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
     data = content.encode("utf-8") if isinstance(content, str) else content
     target = Path(os.path.realpath(path))
     try:
-        if not _can_replace(path, target) or not _put(target, data):
+        if not _can_replace(path, target) or not _put(target, data, sync or os.fsync):
             Path(path).write_bytes(data)
     except OSError as err:
         raise OSError(err.errno, err.strerror or str(err), str(path)) from err
@@ -56,14 +64,25 @@ def _can_replace(path: str | Path, target: Path) -> bool:
     return target.is_file() and os.access(target, os.W_OK) and os.access(target.parent, os.W_OK)
 
 
-def _put(target: Path, data: bytes) -> bool:
+def sync_folder(folder: Path, sync: Callable[[int], object] = os.fsync) -> None:
+    """Put the names in a folder on disk: a new file is found after a power cut."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return  # Windows keeps its names without being asked, and opens no folder
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        sync(number)
+    finally:
+        os.close(number)
+
+
+def _put(target: Path, data: bytes, sync: Callable[[int], object]) -> bool:
     """Put a file in its place; return whether the system let it."""
     part = target.with_name(f".{target.name[:_SHOWN]}.{os.getpid()}.part")
     try:
         with part.open("wb") as file:
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())  # else a power cut may leave the name with nothing behind it
+            sync(file.fileno())  # else a power cut may leave the name with nothing behind it
         if target.exists():
             shutil.copymode(target, part)
         os.replace(part, target)
@@ -73,4 +92,6 @@ def _put(target: Path, data: bytes) -> bool:
         if isinstance(err, OSError) and err.errno in _KEPT and target.exists():
             return False
         raise
+    with suppress(OSError):  # some network file systems keep their names in their own way
+        sync_folder(target.parent, sync)
     return True

@@ -20,6 +20,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
 
 from valve_twin.core.valves.registry import DEFAULT_MODEL, get_model
+from valve_twin.io.whole import write_whole
 from valve_twin.report.text import render
 
 if TYPE_CHECKING:
@@ -292,7 +293,7 @@ def write_layouts(
     folder.mkdir(parents=True, exist_ok=True)
     texts = {"plotjuggler.xml": plotjuggler(pages, valve), "foxglove.json": foxglove(pages, valve)}
     for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
+        write_whole(folder / name, text)
     return [folder / name for name in texts]
 
 

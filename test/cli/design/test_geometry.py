@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 
 import pytest
 
@@ -21,6 +23,20 @@ def test_it_prints_the_winding_and_writes_the_drawings(tmp_path, capsys):
     assert read_design(tmp_path / "d.yaml") == DoubleStroke(turns=300)
     assert "armature" in read_dxf(tmp_path / "d.dxf")
     assert (tmp_path / "d.svg").read_text(encoding="utf-8").startswith("<svg")
+
+
+@pytest.mark.parametrize("kind", ["dxf", "yaml"])
+def test_a_disk_that_fails_leaves_what_was_there(tmp_path, monkeypatch, kind):
+    path = tmp_path / f"d.{kind}"
+    path.write_text("before")
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    assert main(["design", "geometry", f"--{kind}", str(path)]) == 1
+    assert path.read_text() == "before"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_the_table_names_resistance_and_mass(capsys):

@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import queue
 import random
 from dataclasses import replace
@@ -14,10 +16,13 @@ import pytest
 
 pytest.importorskip("pysparkplug", reason="needs the extra gateway")
 
+from typing import TYPE_CHECKING
+
 from pysparkplug import DataType, DData, Metric
 
 from test.gateway.fmu.test_valve import made
 from test.peak import forget_peak, peak_mb
+from valve_twin.gateway.mqtt import backlog as backlog_module
 from valve_twin.gateway.mqtt import face
 from valve_twin.gateway.mqtt.backlog import Backlog
 from valve_twin.gateway.mqtt.broker import Broker
@@ -30,6 +35,9 @@ from valve_twin.gateway.mqtt.sparkplug import (
 from valve_twin.gateway.view import View
 from valve_twin.io.errors import ConfigError, StoreError
 from valve_twin.io.history.fleet import FleetRow
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 class Past:
@@ -173,6 +181,38 @@ def test_marks_that_cannot_be_written_are_told_at_the_start(tmp_path, past):
     (tmp_path / "file").touch()
     with pytest.raises(StoreError, match=r"cannot be written"):
         Backlog(tmp_path / "file" / "state", past.read, "a broker")
+
+
+def test_a_disk_that_takes_no_marks_any_more_keeps_no_cycle_from_the_broker(
+    tmp_path, past, monkeypatch, caplog
+):
+    """The connection was given up for it, again and again."""
+    (tmp_path / "state").write_text('{"of": "a broker", "birth": 0, "valves": {}}')
+    backlog = Backlog(tmp_path / "state", past.read, "a broker")
+
+    def refuse(path: Path, _: str) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+
+    with monkeypatch.context() as harm:
+        harm.setattr(backlog_module, "write_whole", refuse)
+        said = SparkplugSpeaker("group", "node", backlog)
+        said.will()
+        said.born(past.view())
+        sent = said.missed(past.view())
+        for message in sent:
+            said.heard(message.topic, message.payload)
+        assert len(sent) == 5
+        assert said.missed(past.view()) == []
+        said.farewell()
+    told = [r.getMessage() for r in caplog.records]
+    assert [t.partition(": after")[0] for t in told] == [
+        f"{tmp_path / 'state'}: cannot be written: Read-only file system"
+    ]
+    backlog.save()
+    assert caplog.records[-1].getMessage() == f"{tmp_path / 'state'}: is written again"
+    backlog.close()
+    kept = json.loads((tmp_path / "state").read_text())
+    assert kept["valves"] == past.last
 
 
 def test_a_password_in_an_address_is_refused_and_not_told():

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 
@@ -11,6 +12,7 @@ import pytest
 
 from test.io.history.test_fleet import record
 from valve_twin.io.errors import StoreError
+from valve_twin.io.history import export
 from valve_twin.io.history.export import BackupRules
 from valve_twin.io.history.store import History
 
@@ -54,6 +56,24 @@ def test_only_a_name_is_taken(history, tmp_path, name):
         history.backup_for(rules, name)
     assert "\n" not in str(found.value)
     assert not (tmp_path / "backups").exists()
+
+
+def test_an_export_is_there_as_a_whole_or_as_it_was_before(history, tmp_path, monkeypatch):
+    """Some of its files were of now, the others of the time before."""
+    folder = tmp_path / "csv"
+    names = {p.name: p.read_bytes() for p in history.export(folder)}
+    history.store("/v", record(2))
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as harm:
+        harm.setattr(export, "_write_json_lines", refuse)  # the last one
+        with pytest.raises(StoreError, match="csv: cannot be written: No space left on device"):
+            history.export(folder)
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == names
+    history.export(folder)
+    assert (folder / "cycles.csv").read_bytes() != names["cycles.csv"]
 
 
 def test_a_link_is_not_followed(history, tmp_path):

@@ -25,6 +25,7 @@ from valve_twin.core.types import Cycle, CycleRule, Prediction
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 from valve_twin.io.cdr.signals import SignalSource
 from valve_twin.io.config.valve import ValveConfig
+from valve_twin.io.errors import StoreError
 from valve_twin.io.history import restart as restarts
 from valve_twin.io.history.restart import Restart
 from valve_twin.io.history.store import History
@@ -137,7 +138,7 @@ def test_a_snapshot_that_costs_much_is_followed_by_a_rest(tmp_path, data, monkey
     life = Life(tmp_path / "h.db")
     life.push(data, 0, 100)
     assert not life.restart.is_resting
-    with pytest.raises(OSError, match="full"):
+    with pytest.raises(StoreError, match="cannot be written: the disk is full: free the disk"):
         life.save()
     resting = []
     for seconds in (0.5 * restarts.REST - 0.01, 0.02):

@@ -94,6 +94,7 @@ def test_a_full_disk_drops_the_oldest_first_and_counts(tmp_path, full):
     assert [n for n, _ in found] == [1, 2, 3, 4, 5, 6], "each keeps its place"
     assert [n for n, c in found if c is not None] == [4, 5, 6]
     assert spool.dropped == 3
+    assert spool.trouble.startswith(f"{tmp_path / 'cycles'}: ")
 
 
 def test_without_a_folder_the_budget_holds_all_the_same():
@@ -113,6 +114,7 @@ def test_a_cycle_that_the_disk_does_not_give_back_counts_as_dropped(tmp_path, da
     damage(next((tmp_path / "cycles").iterdir()))
     assert [c is None for _, c in emptied(spool)] == [False, False, True]
     assert spool.dropped == 1
+    assert spool.trouble == f"{tmp_path / 'cycles' / '3.cycle'} is gone or damaged"
 
 
 def test_what_a_killed_process_left_is_counted_and_removed(tmp_path):

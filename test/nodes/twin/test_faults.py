@@ -43,7 +43,7 @@ def valve(topics, **changed):
             failure="cycle 8 is not estimated: database is locked",
             wait=SimpleNamespace(limit_s=0.5, cut=4),
         ),
-        "spool": SimpleNamespace(dropped=6),
+        "spool": SimpleNamespace(dropped=6, trouble="/state/v-cycles: 12 MB are free"),
         "cycle_queue": SimpleNamespace(
             flushed=2, waiting=3, dropped=1, refused=1,
             writer=SimpleNamespace(error="database is locked", unsaved=1),

@@ -22,6 +22,7 @@ from valve_twin.cli.common import (
     say,
     seed_number,
 )
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     from valve_twin.cli.common import Verbs
@@ -108,7 +109,7 @@ def _export(arguments: argparse.Namespace) -> int:
         say(f"{path}: FMI {version}.0, {valve.text}")
     for one in sets:
         path = out.with_name(f"{out.stem}_{one.name}.ssv")
-        path.write_bytes(ssv(valve, one))
+        write_whole(path, ssv(valve, one))
     if sets:
         say(f"{out.parent / out.stem}_*.ssv: {len(sets)} parameter sets")
     return OK

@@ -54,9 +54,9 @@ def _geometry(arguments: argparse.Namespace) -> int:
     if arguments.svg:
         write_whole(arguments.svg, draw_section(section))
     if arguments.dxf:
-        write_dxf(section, Path(arguments.dxf))
+        write_dxf(section, Path(arguments.dxf), write_whole)
     if arguments.yaml and not isinstance(design, Section):
-        write_design(design, Path(arguments.yaml))
+        write_design(design, Path(arguments.yaml), write_whole)
     for path in written:
         say(f"{path}: written")
     return OK

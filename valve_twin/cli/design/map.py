@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say, write_file
 from valve_twin.cli.design.given import add_design, grid_of, read_given, refusals, section_of
 from valve_twin.cli.output import print_json
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -46,7 +47,7 @@ def _map(arguments: argparse.Namespace) -> int:
         section = section_of(design)
         with progress_of("computing fields", None) as advance:
             found = compute_map(section, grid, advance)
-    write_map(found, Path(arguments.out))
+    write_map(found, Path(arguments.out), write_whole)
     say(f"{arguments.out}: written")
     if arguments.svg:
         from valve_twin.report.coenergy import draw_coenergy

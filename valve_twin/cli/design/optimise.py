@@ -28,6 +28,7 @@ from valve_twin.cli.design.given import (
 )
 from valve_twin.cli.output import console, number, print_json, table
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -123,7 +124,7 @@ def _optimise(arguments: argparse.Namespace) -> int:
             return FAILED
     say(found.ended)
     if arguments.yaml:
-        write_design(changed(design, found.chosen.values), Path(arguments.yaml))
+        write_design(changed(design, found.chosen.values), Path(arguments.yaml), write_whole)
         say(f"{arguments.yaml}: written")
     if arguments.json:
         print_json(_as_json(found))

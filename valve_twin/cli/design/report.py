@@ -81,8 +81,8 @@ def _report(arguments: argparse.Namespace) -> int:
             for name, of in (("Reference", design), ("Chosen design", better))
         )
         tried = [of.figures for of in archive if of.figures]
-    write_design(better, folder / "chosen.yaml")
-    write_dxf(better.section(), folder / "chosen.dxf")
+    write_design(better, folder / "chosen.yaml", write_whole)
+    write_dxf(better.section(), folder / "chosen.dxf", write_whole)
     page = DesignPage(
         title="A double-stroke solenoid and its valve",
         summary=_summary(reference, chosen, front),

@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from itertools import chain
 from math import isclose, isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
+    from collections.abc import Callable, Iterable
 
     from valve_twin.design.geometry.section import Outline, Section
 
@@ -26,7 +27,9 @@ _TURNED = "turned LWPOLYLINE"
 _CLAIM, _X, _Y = 90, 10, 20  # group codes: how many corners there are, and of each
 
 
-def write_dxf(section: Section, path: Path) -> None:
+def write_dxf(
+    section: Section, path: Path, write: Callable[[Path, bytes], object] = Path.write_bytes
+) -> None:
     """Write the outlines of a section as closed polylines in millimetres.
 
     Parameters
@@ -35,6 +38,8 @@ def write_dxf(section: Section, path: Path) -> None:
         What is drawn.
     path : Path
         File to write.
+    write : callable
+        Puts bytes into a file.
     """
     from ezdxf.filemanagement import new
 
@@ -44,7 +49,9 @@ def write_dxf(section: Section, path: Path) -> None:
         drawing.layers.add(region.name)
         corners = [(r / _MM, z / _MM) for r, z in region.outline]
         space.add_lwpolyline(corners, close=True, dxfattribs={"layer": region.name})
-    drawing.saveas(path)
+    text = StringIO()
+    drawing.write(text)
+    write(path, drawing.encode(text.getvalue()))
 
 
 def read_dxf(path: Path) -> dict[str, list[Outline]]:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -18,8 +19,7 @@ from valve_twin.design.geometry.section import Motion, Region, Section
 from valve_twin.design.materials import Linear, Magnet, Material, Steel
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
+    from collections.abc import Callable, Mapping
 
     from valve_twin.design.geometry.section import Outline
 
@@ -117,7 +117,11 @@ def _design(
     return _section(given, folder)
 
 
-def write_design(design: DoubleStroke | HybridPole, path: Path) -> None:
+def write_design(
+    design: DoubleStroke | HybridPole,
+    path: Path,
+    write: Callable[[Path, bytes], object] = Path.write_bytes,
+) -> None:
     """Write the numbers of a design with what they are.
 
     Parameters
@@ -126,13 +130,15 @@ def write_design(design: DoubleStroke | HybridPole, path: Path) -> None:
         What is written.
     path : Path
         YAML file.
+    write : callable
+        Puts bytes into a file.
     """
     lines = [f"kind: {next(k for k, of in _NUMBERED.items() if isinstance(design, of))}"]
     for item in describe(design):
         unit = f" [{item.unit}]" if item.unit else ""
         value = example(item.default) if item.default else ("0.0" if item.default == 0.0 else "[]")
         lines.append(f"{item.name}: {value}  # {item.description}{unit}")
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write(path, ("\n".join(lines) + "\n").encode())
 
 
 def _read_yaml(path: Path) -> dict[str, object]:

@@ -7,6 +7,8 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
+from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +16,7 @@ import numpy as np
 from valve_twin.core.physics.coenergy import CoenergyMap
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Callable
     from typing import BinaryIO
 
 _FORM = 1
@@ -36,7 +38,9 @@ _BROKEN = (
 )
 
 
-def write_map(found: CoenergyMap, path: Path) -> None:
+def write_map(
+    found: CoenergyMap, path: Path, write: Callable[[Path, bytes], object] = Path.write_bytes
+) -> None:
     """Write a map to a file of numpy's form npz.
 
     Parameters
@@ -45,17 +49,20 @@ def write_map(found: CoenergyMap, path: Path) -> None:
         The map.
     path : Path
         File to write.
+    write : callable
+        Puts bytes into a file.
     """
-    with path.open("wb") as file:
-        np.savez_compressed(
-            file,
-            form=np.array(_FORM),
-            coils=np.array(found.coils),
-            currents=found.currents,
-            positions=found.positions,
-            coefficients=found.coefficients,
-            provenance=np.array(json.dumps(found.provenance)),
-        )
+    content = BytesIO()
+    np.savez_compressed(
+        content,
+        form=np.array(_FORM),
+        coils=np.array(found.coils),
+        currents=found.currents,
+        positions=found.positions,
+        coefficients=found.coefficients,
+        provenance=np.array(json.dumps(found.provenance)),
+    )
+    write(path, content.getvalue())
 
 
 def read_map(path: Path) -> CoenergyMap:

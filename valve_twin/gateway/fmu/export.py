@@ -11,11 +11,13 @@ import tempfile
 import zipfile
 from importlib import resources
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.gateway.fmu.description import SOURCES, build_description, model_description
 from valve_twin.io.errors import FmuError
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -60,16 +62,13 @@ def write_fmu(valve: FmuValve, path: Path, version: int) -> None:
     inside["documentation/licenses/license.txt"] = _LICENCE
     if version == 3:
         inside["sources/buildDescription.xml"] = build_description(valve)
-    part = path.with_name(f"{path.name}.part")
-    try:
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name, content in inside.items():
-                info = zipfile.ZipInfo(name, _STAMP)
-                info.compress_type = zipfile.ZIP_DEFLATED
-                archive.writestr(info, content)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    packed = BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in inside.items():
+            info = zipfile.ZipInfo(name, _STAMP)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(info, content)
+    write_whole(path, packed.getvalue())
 
 
 def _sources(valve: FmuValve, version: int) -> dict[str, bytes]:

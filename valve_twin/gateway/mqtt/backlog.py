@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 import json
-import os
+import logging
 from collections import deque
 from typing import TYPE_CHECKING, Any, TextIO
 
-from valve_twin.io.bags.file import hold, replace_file
+from valve_twin.io.bags.file import hold
 from valve_twin.io.errors import StoreError, ValveTwinError
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import Estimate
     from valve_twin.gateway.view import View
+
+_LOGGER = logging.getLogger("valve_twin")
 
 PAGE = 50
 """Cycles of a valve that are read at a time [1]."""
@@ -64,7 +67,7 @@ class Backlog:
         self._pending: dict[str, deque[int]] = {}
         self._seen: dict[str, int] = {}
         self._all_of: View | None = None
-        self._saved = kept
+        self._saved, self._unkept = kept, ""
 
     def close(self) -> None:
         """Leave the file to others."""
@@ -141,12 +144,9 @@ class Backlog:
             self._all_of = None
 
     def save(self) -> None:
-        """Keep the marks, where they changed.
+        """Keep the marks, where they changed; while the disk does not take them, in memory.
 
-        Raises
-        ------
-        StoreError
-            If the file cannot be written.
+        The broker is told all the same: who begins anew meanwhile tells it some cycles twice.
         """
         marks = None if self._marks is None else dict(self._marks)
         now = {"of": self._of, "birth": self._birth, "valves": marks}
@@ -154,11 +154,19 @@ class Backlog:
             return
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            replace_file(self._path, json.dumps(now, indent=1), os.fsync)
+            write_whole(self._path, json.dumps(now, indent=1))
         except OSError as err:
-            msg = f"{self._path}: cannot be written: {err.strerror or err}"
-            raise StoreError(msg) from err
-        self._saved = now
+            why = err.strerror or str(err)
+            if why != self._unkept:
+                _LOGGER.warning(
+                    "%s: cannot be written: %s: after a restart the broker is told again what it "
+                    "has: make room, or give this user the right to write there", self._path, why
+                )  # fmt: skip
+            self._unkept = why
+            return
+        if self._unkept:
+            _LOGGER.warning("%s: is written again", self._path)
+        self._saved, self._unkept = now, ""
 
 
 def _held(path: Path) -> TextIO:

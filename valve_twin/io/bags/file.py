@@ -245,17 +245,6 @@ class BagFile:
         return FileEntry(self.path.name, s.start_ns, s.end_ns - s.start_ns, self.message_count)
 
 
-def sync_folder(folder: Path, sync: Callable[[int], object] = os.fsync) -> None:
-    """Put the names in a folder on disk: a new file is found after a power cut."""
-    if not hasattr(os, "O_DIRECTORY"):
-        return  # Windows keeps its names without being asked, and opens no folder
-    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        sync(number)
-    finally:
-        os.close(number)
-
-
 def hold(path: Path) -> TextIO:
     """Open a file, made where it is missing, that nobody else holds until it is closed.
 
@@ -295,28 +284,3 @@ def held(path: Path) -> Iterator[None]:
                 import fcntl
 
                 fcntl.flock(stream, fcntl.LOCK_UN)
-
-
-def replace_file(path: Path, text: str, sync: Callable[[int], object]) -> None:
-    """Write a file beside and rename it: it is whole or not there.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    text : str
-        What it shall hold.
-    sync : callable
-        Called with its number to put it on disk.
-    """
-    beside = path.with_name(f"{path.name}.new")
-    try:
-        with beside.open("w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            sync(stream.fileno())
-    except OSError:
-        beside.unlink(missing_ok=True)
-        raise
-    beside.replace(path)
-    sync_folder(path.parent, os.fsync)

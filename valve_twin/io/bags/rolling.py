@@ -10,11 +10,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from valve_twin.io.bags.file import BagFile, replace_file, sync_folder
+from valve_twin.io.bags.file import BagFile
 from valve_twin.io.bags.gone import Gone, GoneError, LostFileError, OwnFolder, full, unwritable
 from valve_twin.io.bags.metadata import FILE_NAME, FileEntry, metadata_map, metadata_text
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.writer import CHUNK_SIZE
+from valve_twin.io.whole import sync_folder, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -415,7 +416,7 @@ class RollingFiles:
             entries.append(self.running.entry())
             counts.append(self.running.counts())
         sync = self._storage.sync_now or self._storage.sync
-        replace_file(self.path / FILE_NAME, self._metadata(entries, counts), sync)
+        write_whole(self.path / FILE_NAME, self._metadata(entries, counts), sync)
 
     def _save_metadata(self) -> None:
         """Write metadata.yaml of a bag that goes on; it is written again at the end."""

@@ -14,7 +14,7 @@ import os
 import re
 import shutil
 import sqlite3
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from enum import IntEnum
@@ -192,13 +192,17 @@ def export_files(database: Database, folder: Path) -> list[Path]:
     }
     with database.read() as connection, _writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        for name, write in writers.items():
-            part = folder / f".{name}.part"
-            try:
-                write(connection, part)
+        parts = {name: folder / f".{name}.part" for name in writers}
+        try:
+            for name, write in writers.items():
+                write(connection, parts[name])
+                _sync(parts[name])
+            for name, part in parts.items():  # none of them stands beside one of another time
                 os.replace(part, folder / name)
-            finally:
-                part.unlink(missing_ok=True)
+        finally:
+            for part in parts.values():
+                with suppress(OSError):
+                    part.unlink(missing_ok=True)
     return [folder / name for name in writers]
 
 
@@ -233,9 +237,14 @@ def _seal(copy: sqlite3.Connection, target: Path) -> None:
 
 def _move(part: Path, target: Path) -> None:
     with _writing(target):
-        with open(part, "rb") as file:
-            os.fsync(file.fileno())
+        _sync(part)
         os.replace(part, target)
+
+
+def _sync(path: Path) -> None:
+    """Have the disk keep a file before it gets its name."""
+    with open(path, "rb") as file:
+        os.fsync(file.fileno())
 
 
 def _rows(connection: Connection, table: sa.Table) -> Iterator[Mapping[str, Any]]:

@@ -156,6 +156,9 @@ class Restart:
         begin_s = time.monotonic()
         try:
             save_snapshot(path, origin, state)
+        except OSError as err:
+            msg = f"{path}: cannot be written: {err.strerror}: free the disk, or mount it to write"
+            raise StoreError(msg) from err
         finally:
             end_s = time.monotonic()
             self._rests_until_s = end_s + REST * (taken_s + end_s - begin_s)

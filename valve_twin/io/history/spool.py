@@ -81,6 +81,8 @@ class CycleSpool(JobQueue):
         Cycles that are on disk now, that were put there, and that were dropped [1].
     left : int
         Cycles in the folder that no job names, deleted now: their process was killed [1].
+    trouble : str
+        Where and why the disk did not take or give back the last cycle that was dropped.
     """
 
     def __init__(
@@ -95,7 +97,7 @@ class CycleSpool(JobQueue):
         self._budget, self._folder, self._floor = budget, folder, floor
         self._entries: deque[_Entry] = deque()
         self.written = self.spooled = self.dropped = 0
-        self._stays = False
+        self._stays, self.trouble = False, ""
         jobs = tuple(jobs)
         self.left = self._clear(jobs)
         for ordinal, cycle in jobs:
@@ -157,6 +159,7 @@ class CycleSpool(JobQueue):
         cycle = self._cycle_of(entry)
         if cycle is None and entry.is_spooled:
             self.dropped += 1
+            self.trouble = f"{self._path(entry.ordinal)} is gone or damaged"
         self._release(entry)
         return entry.ordinal, cycle
 
@@ -191,14 +194,18 @@ class CycleSpool(JobQueue):
     def _put_on_disk(self, entry: _Entry) -> bool:
         path = self._path(entry.ordinal)
         if self._folder is None or path is None or entry.cycle is None:
+            self.trouble = "there is no state_folder"
             return False
         self.written += 1
         try:
             self._folder.mkdir(exist_ok=True)
-            if shutil.disk_usage(self._folder).free < self._floor + entry.size:
+            free = shutil.disk_usage(self._folder).free
+            if free < self._floor + entry.size:
+                self.trouble = f"{self._folder}: {free / 2**20:.0f} MB are free"
                 return False
             save_cycle(path, entry.cycle)
-        except OSError:
+        except OSError as err:
+            self.trouble = f"{self._folder}: {err.strerror}"
             _unlink(path)
             return False
         entry.cycle, entry.is_spooled = None, True

@@ -9,6 +9,7 @@ Arrays take one column an element; where arrays differ in length, what is not th
 from __future__ import annotations
 
 import csv
+import os
 from contextlib import suppress
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
@@ -233,6 +234,8 @@ def write_table(table: Table, path: Path) -> None:
             _write_csv(table, beside)
         else:
             _write_parquet(table, beside)
+        with beside.open("rb") as stream:
+            os.fsync(stream.fileno())
         beside.replace(path)
     except OSError as err:
         with suppress(OSError):  # of a folder that takes nothing

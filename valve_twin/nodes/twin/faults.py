@@ -124,7 +124,8 @@ class TwinFaults:
             (
                 "estimation.dropped",
                 valve.spool.dropped,
-                "%d cycles found neither memory nor disk while they waited for their estimation",
+                "%d cycles found neither memory nor disk while they waited for their estimation: "
+                f"{valve.spool.trouble}",
             ),
             ("estimation.late", jobs.wait.cut, cut),
             ("history.dropped", queue.dropped, "%d cycles were given up unsaved"),

@@ -325,6 +325,8 @@ class LiveValve:
             self._node.get_logger().warning(
                 f"{self.name}: a restart would go on after the last stored cycle: {outcome.error}"
             )
+        if self._save_error and not outcome.error:
+            self._node.get_logger().info(f"{self.name}: a restart goes on inside the cycle again")
         self._save_error = outcome.error
 
     def _tell_jump(self, number: int) -> None:
