@@ -58,6 +58,18 @@ def test_a_prediction_costs_less_than_the_echo_of_its_three_inputs(run):
     assert ours / 3.0 <= theirs
 
 
+def test_a_relay_sends_as_much_as_the_twin():
+    """It stands for what the middleware needs: as many messages of as many bytes."""
+    with live.live(2, 1.0 / live.PLANT_HZ, peer="relay", batch=33) as made:
+        made.plant.run(2.0, live.PLANT_HZ / 33.0, 1.0 / live.PLANT_HZ)
+        made.settle(33 * made.plant.sent, 6 * made.plant.sent)
+        pairs = zip(made.predictions, made.relayed, strict=True)
+        assert all(ours.samples == theirs.samples for ours, theirs in pairs)
+        sizes = {len(taken.last) for taken in (*made.predictions, *made.relayed)}
+        assert len(sizes) == 1
+        assert sizes.pop() > 33 * 4 * 8
+
+
 def test_a_recorder_needs_no_compiled_kernel(tmp_path):
     node = start_node(
         "bag_recorder", some_domain(), tmp_path, "/press/v1", {"bag": str(tmp_path / "bag")}

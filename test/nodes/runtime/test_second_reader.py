@@ -76,6 +76,12 @@ def test_who_hears_nothing_from_the_start_on_though_somebody_speaks_is_deaf(benc
     assert not bench.reader.never_heard
 
 
+def test_a_slow_topic_is_known_by_its_first_pause(bench):
+    assert bench.run(12.0, first=1.0) == 0
+    assert len(bench.made) <= 1
+    assert bench.gone == bench.made
+
+
 def test_who_waits_for_a_publisher_that_says_nothing_is_not_deaf(bench):
     bench.reader.expect(0.0)
     assert bench.run(60.0) == 0

@@ -54,6 +54,13 @@ FLEET_SINGLE, FLEET_BATCHED = 1.2, 0.6
 """Goals against a bare subscriber of the same inputs: with a message a sample, and with one of
 predictions a valve a second."""
 
+FLEET_RELAYED = 1.5
+"""Goal against the smallest program that takes the same messages and sends as many as the twin:
+that against a bare subscriber, which takes three times as long, in other words."""
+
+LEAD = 5
+"""Messages a topic before its cost is measured: by then a twin knows how often it speaks."""
+
 LOOP_NUMBERS = 45
 """A sample of a batch may cost what Python takes to sum so many: 0.5 us where 1e6 take 11 ms."""
 
@@ -73,6 +80,10 @@ def compare(scale: Scale) -> Iterator[Ratio]:
             _fleet(FLEET_BATCHED, seconds, gathered_s=1.0),
         ),
         (f"{_FLEET} a message a second", _fleet(FLEET_BATCHED, 1.5 * seconds, batch=33)),
+        (
+            f"{_FLEET} a message a second, against the middleware",
+            _fleet(FLEET_RELAYED, 1.5 * seconds, batch=33, peer="relay"),
+        ),
     ):
         try:
             for row in rows:
@@ -83,13 +94,14 @@ def compare(scale: Scale) -> Iterator[Ratio]:
 
 @dataclass(frozen=True, slots=True)
 class Live:
-    """Twin, peer and the plant that feeds them; `predictions` by valve."""
+    """Twin, peer and the plant that feeds them; predictions, and what a relay sends, by valve."""
 
     plant: Plant
     twin: NodeProcess
     peer: NodeProcess | None
     predictions: tuple[Taken, ...]
     returned: Taken | None
+    relayed: tuple[Taken, ...] = ()
 
     def settle(self, predicted: int, returned: int) -> None:
         """Wait until every valve has predicted so many samples, the peer taken so many messages.
@@ -147,7 +159,7 @@ def live(
     period_s : float
         Sampling time [s].
     peer : str
-        'echo' of the positions, 'count' of all topics, or none.
+        'echo' of the positions, 'count' or 'relay' of all topics, or none.
     batch : int
         Samples a message.
     slow : int
@@ -172,8 +184,9 @@ def live(
         returned = None
         if peer == "echo":
             returned = plant.listen(f"{spaces[0]}/spool_position/echo", stamped)
-        elif peer == "count":
+        elif peer:
             returned = plant.listen("/taken", Int64)
+        relayed = [plant.listen(f"{s}/{TOPICS[-1]}/echo", kind) for s in spaces if peer == "relay"]
         parameters = {**_press(period_s, batch), "valves": names}
         parameters["prediction_batch_s"] = gathered_s
         parameters["history_url"] = f"sqlite:///{folder}/history.sqlite"
@@ -181,16 +194,16 @@ def live(
         stack.callback(twin.end)
         other = None
         if peer:
-            own = ["spool_position"] if peer == "echo" else list(TOPICS)
+            own = [TOPICS[-1]] if peer == "echo" else list(TOPICS)
             topics = [f"{s}/{t}" for s in spaces for t in own]
             other = start_peer(peer, domain, folder, topics, stamped.__name__)
             stack.callback(other.end)
             stack.callback(twin.terminate)  # both end at the same time
-        wanted = 2 if peer == "count" else 1
+        wanted = 2 if peer in ("count", "relay") else 1
         plant.wait(lambda: plant.subscribers() >= wanted and plant.heard(), "nodes", 60.0)
         echoes = [returned] if returned is not None and peer == "echo" else []
-        _greet(plant, (*predictions, *echoes), period_s, batch)
-        yield Live(plant, twin, other, tuple(predictions), returned)
+        _greet(plant, (*predictions, *echoes, *relayed), period_s, batch)
+        yield Live(plant, twin, other, tuple(predictions), returned, tuple(relayed))
 
 
 def _greet(plant: Plant, answers: tuple[Taken, ...], period_s: float, batch: int) -> None:
@@ -350,19 +363,20 @@ def _serialized(block: SimulationBlock, period_s: float) -> list[list[bytes]]:
 
 
 def _fleet(
-    goal: float, seconds: float, *, batch: int = 1, gathered_s: float = 0.0
+    goal: float, seconds: float, *, batch: int = 1, gathered_s: float = 0.0, peer: str = "count"
 ) -> Iterator[Ratio]:
-    """50 valves at 33 Hz in one process against a bare subscriber of the same topics."""
-    with live(VALVES, 1.0 / PLANT_HZ, peer="count", batch=batch, gathered_s=gathered_s) as run:
+    """50 valves at 33 Hz in one process against a peer of the same topics."""
+    with live(VALVES, 1.0 / PLANT_HZ, peer=peer, batch=batch, gathered_s=gathered_s) as run:
         plant, rate = run.plant, PLANT_HZ / batch
         assert run.peer is not None
-        plant.run(1.0, rate, 1.0 / PLANT_HZ)
+        plant.run(max(1.0, LEAD / rate), rate, 1.0 / PLANT_HZ)
         run.settle(batch * plant.sent, 3 * VALVES * plant.sent)
         before = run.twin.cpu_s(), run.peer.cpu_s()
         plant.run(seconds, rate, 1.0 / PLANT_HZ)
         run.settle(batch * plant.sent, 3 * VALVES * plant.sent)
         ours, theirs = run.twin.cpu_s() - before[0], run.peer.cpu_s() - before[1]
-    yield Ratio("", "a bare subscriber", ours, theirs, goal)
+    what = "a bare subscriber" if peer == "count" else "taking and sending the same alone"
+    yield Ratio("", what, ours, theirs, goal)
 
 
 def _start(repeats: int) -> Iterator[Ratio]:

@@ -117,12 +117,12 @@ def start_node(
 def start_peer(
     role: str, domain: int, folder: Path, topics: Sequence[str], kind: str = "Float64Stamped"
 ) -> NodeProcess:
-    """Start a bare node: `echo` or `count` of `peers`, which imports nothing of ours.
+    """Start a bare node: `echo`, `count` or `relay` of `peers`, which imports nothing of ours.
 
     Parameters
     ----------
     role : str
-        'echo' or 'count'.
+        'echo', 'count' or 'relay'.
     domain : int
         ROS domain.
     folder : Path

@@ -59,7 +59,8 @@ CALM_S = 30.0
 several of its readers hear nothing: some of 150 were sent after 16 s what they lacked [s]."""
 
 SMOOTHING = 0.1
-"""Weight of the last pause in the usual one [1]."""
+"""Weight of the last pause in the usual one [1]; of the first ones that of their mean: a topic of
+a message a second had a second reader made and destroyed after each of its first seven."""
 
 MOST_KEPT = 10_000
 """Messages of the second reader that are kept until it is clear that the first is deaf [1]."""
@@ -183,7 +184,7 @@ class SecondReader:
         self._since_s: float | None = None
         self._last_s: float | None = None
         self._expected_s: float | None = None
-        self._usual_s = 0.0
+        self._usual_s, self._pauses = 0.0, 0
         self.stands_in = False
         self.heard = False
 
@@ -232,8 +233,10 @@ class SecondReader:
             second stands in for it.
         """
         if self.heard:
-            pause_s = now_s - (self._last_s if self._last_s is not None else now_s)
-            self._usual_s += SMOOTHING * (pause_s - self._usual_s)
+            if self._last_s is not None:
+                self._pauses += 1
+                weight = max(SMOOTHING, 1.0 / self._pauses)
+                self._usual_s += weight * (now_s - self._last_s - self._usual_s)
             self._last_s, self.heard = now_s, False
             self.close()
         elif self._reader is not None:
