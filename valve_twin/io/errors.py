@@ -12,6 +12,15 @@ ValveTwinError
 
 from __future__ import annotations
 
+import errno
+
+_OF_DISKS = {
+    *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.ENODEV, errno.ENXIO),
+    getattr(errno, "ESTALE", errno.EIO),
+}
+_SAID_OF_DISKS = ("disk is full", "readonly database", "unable to open", "disk i/o error")
+"""What the system and SQLite say of a disk that is full, read-only, broken or not there."""
+
 
 class ValveTwinError(Exception):
     """Base of all errors that a user can cause and repair."""
@@ -35,3 +44,20 @@ class StoreError(ValveTwinError):
 
 class FmuError(ValveTwinError):
     """A Functional Mock-up Unit cannot be made, read or run."""
+
+
+def may_pass(err: BaseException | None) -> bool:
+    """Return whether an error comes from a disk, so that to try again later is of use.
+
+    Parameters
+    ----------
+    err : BaseException or None
+        The error; None = there is none.
+    """
+    while err is not None:
+        if isinstance(err, OSError) and err.errno in _OF_DISKS:
+            return True
+        if any(sign in str(err).lower() for sign in _SAID_OF_DISKS):
+            return True
+        err = err.__cause__
+    return False

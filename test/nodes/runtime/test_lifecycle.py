@@ -2,10 +2,13 @@
 # Copyright 2026 valve_twin maintainers
 """Nodes come up, change their state and go down in good order."""
 
+import errno
 import inspect
 import signal
+import sqlite3
 import statistics
 import time
+from functools import partial
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -19,11 +22,13 @@ from test.bag_samples import write_sample
 from test.nodes.conftest import NS, NodeProcess
 from valve_twin import compat
 from valve_twin.io.bags.writer import BagWriter
+from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.nodes.aging.node import AgingMonitorNode
 from valve_twin.nodes.gateway.node import GatewayNode
 from valve_twin.nodes.opcua_source.node import OpcuaSourceNode
 from valve_twin.nodes.player.node import BagPlayerNode
 from valve_twin.nodes.recorder.node import BagRecorderNode
+from valve_twin.nodes.runtime import node as runtime
 from valve_twin.nodes.simulator.node import SimulatedValveNode
 from valve_twin.nodes.twin.node import TwinNode
 
@@ -141,3 +146,44 @@ def test_a_line_of_log_tells_its_place_and_reads_no_source(graph, monkeypatch):
     assert (told.file, written.strip()) == (__file__, 'graph.node.get_logger().info("here")')
     assert told.function == test_a_line_of_log_tells_its_place_and_reads_no_source.__name__
     read.assert_not_called()
+
+
+class Waiting(BagRecorderNode):
+    """A recorder that a disk, or a user's mistake, keeps from starting so many times."""
+
+    def __init__(self, left: int, cause: Exception | None, **kwargs) -> None:
+        self.left, self.cause, self.tries = left, cause, 0
+        super().__init__(**kwargs)
+
+    def configure(self) -> None:
+        self.tries += 1
+        if self.tries <= self.left:
+            msg = "/data/bag: cannot be written"
+            raise BagError(msg) from self.cause
+        super().configure()
+
+
+@pytest.mark.parametrize(
+    "cause", [OSError(errno.ENOSPC, "No space left"), sqlite3.Error("attempt: readonly database")]
+)
+def test_a_start_that_a_disk_keeps_back_is_tried_again_and_told_once(
+    graph, tmp_path, monkeypatch, capfd, cause
+):
+    monkeypatch.setattr(runtime, "RETRY_S", 0.05)
+    node = graph.host(partial(Waiting, 3, cause), bag=str(tmp_path / "bag"))
+    graph.spin_until(lambda: node.state == "active", what="a start")
+    told = capfd.readouterr().err
+    assert told.count("cannot configure: /data/bag: cannot be written") == 1
+    assert told.count("is configured: what kept it from that is over") == 1
+    assert node.tries == 4
+
+
+def test_a_start_that_a_mistake_keeps_back_is_not_tried_again_and_told_whenever_it_is_asked_for(
+    graph, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.setattr(runtime, "RETRY_S", 0.0)
+    node = graph.host(partial(Waiting, 9, ConfigError("a mistake")), bag=str(tmp_path / "bag"))
+    graph.spin(0.3)
+    assert node.tries == 1
+    node.trigger_configure()
+    assert capfd.readouterr().err.count("cannot configure: /data/bag: cannot be written") == 2

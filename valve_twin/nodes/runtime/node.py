@@ -27,7 +27,7 @@ from rclpy.task import Future
 from valve_twin import compat
 from valve_twin.io.config.every_node import NodeParameters
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
-from valve_twin.io.errors import ValveTwinError
+from valve_twin.io.errors import ValveTwinError, may_pass
 from valve_twin.nodes.runtime import termination
 from valve_twin.nodes.runtime.fault_reporter import FaultReporter
 from valve_twin.nodes.runtime.parameters import Parameters
@@ -57,6 +57,10 @@ TYPE_DESCRIPTIONS = "start_type_description_service"
 TOLD_AGAIN_S = 30.0
 """What a stranger can have told as often as he likes is told so seldom [s]."""
 
+RETRY_S, LAST_RETRY_S = 5.0, 60.0
+"""Pause before a start that a full or read-only disk held up is tried again; doubled until
+the last one [s]."""
+
 FAREWELL_S = 0.5
 """Longest time that the middleware gets to say goodbye [s]."""
 
@@ -80,6 +84,9 @@ class ValveNode(LifecycleNode):
         self.parameters.declare(NODE_PARAMETERS[name])
         self.exit_code: int | None = None
         self.recess: Future | None = None
+        self._refusal: Exception | None = None
+        self._retry: Any = None
+        self._refusal_told, self._pause_s = "", RETRY_S
         self._inbox: deque[Callable[[], None]] = deque()
         compat.answer_refused_transitions(self, self._tell_refused)
         compat.answer_unknown_types(self, self._tell_unknown_type)
@@ -114,7 +121,9 @@ class ValveNode(LifecycleNode):
         """Configure; a failure frees what was made."""
         del state
         done = self._guarded(self.configure, "configure")
-        if not done:
+        if done:
+            self._refusal = None
+        else:
             self._guarded(self.cleanup, "clean up")
         return _SUCCESS if done else _FAILURE
 
@@ -154,15 +163,32 @@ class ValveNode(LifecycleNode):
 
     def start(self) -> None:
         """Configure and activate where `autostart` says so."""
-        if not self.parameters.read(NodeParameters).autostart:
-            return
+        if self.parameters.read(NodeParameters).autostart:
+            self._begin()
+
+    def _begin(self) -> None:
+        """Configure and activate; what a disk keeps from it is tried again until it can be."""
+        before = self._refusal
         try:
             with termination.breaking_off():
                 configured = self.trigger_configure() == _SUCCESS
         except KeyboardInterrupt:
             return
         if configured:
+            if before is not None:
+                self.get_logger().info("is configured: what kept it from that is over")
             self.trigger_activate()
+        elif may_pass(self._refusal):
+            self._retry = self.create_timer(self._pause_s, self._begin_again, clock=STEADY)
+            self._pause_s = min(2.0 * self._pause_s, LAST_RETRY_S)
+
+    def _begin_again(self) -> None:
+        self.destroy_timer(self._retry)
+        if self.state != "unconfigured":  # somebody was faster
+            return
+        self._refusal_told = str(self._refusal)
+        self._begin()
+        self._refusal_told = ""
 
     def stop(self) -> None:
         """End in good order, whatever the state, also in the middle of a configuration."""
@@ -217,7 +243,10 @@ class ValveNode(LifecycleNode):
             said = str(err)
             if not isinstance(err, ValveTwinError):
                 said = f"{type(err).__name__}: {err}\n{traceback.format_exc()}"
-            self.get_logger().error(f"cannot {what}: {said}")
+            if what != "configure" or said != self._refusal_told:
+                self.get_logger().error(f"cannot {what}: {said}")
+            if what == "configure":
+                self._refusal = err
         else:
             return True
         return False
