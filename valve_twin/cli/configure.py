@@ -98,7 +98,7 @@ def _configure_files(arguments: argparse.Namespace) -> int:
     from valve_twin.io.configure.limits import MOST_CYCLES, justified_limits
     from valve_twin.io.configure.odd import odd_files, without
     from valve_twin.io.configure.proposal import limit_line, not_proposed, reasons, yaml_text
-    from valve_twin.io.configure.survey import choose
+    from valve_twin.io.configure.survey import choose, even_step
     from valve_twin.io.instruments.clock import ClockChoice
     from valve_twin.io.instruments.into_bag import recording_files
 
@@ -110,6 +110,14 @@ def _configure_files(arguments: argparse.Namespace) -> int:
         if clock.period_s or clock.scale:
             survey = look(paths, clock)
     survey, choice = choose(survey, position=arguments.position)
+    if not clock.resample_s and (step_s := even_step(survey)):
+        say(
+            f"time: {100.0 * survey.jitter:.2g} % of the steps are off by a tenth, as where "
+            f"values are stored when they change: one grid of {step_s:g} s is proposed, "
+            "--resample S sets another"
+        )
+        clock = replace(clock, resample_s=step_s)
+        survey, choice = choose(look(paths, clock), position=arguments.position)
     odd = odd_files(survey, [choice.pair, *choice.others] if choice.pair else [])
     if odd:
         paths = [p for p in paths if p not in odd]

@@ -35,6 +35,13 @@ def test_few_cycles_are_no_reference():
     assert doubt(vectors) == ""
 
 
+def test_cycles_that_show_no_feature_do_not_count():
+    vectors = healthy(2 * SETTLED, 1)
+    vectors[::2] = np.nan
+    vectors[1] = np.nan
+    assert doubt(vectors).startswith(f"no reference yet: {SETTLED - 1} of {SETTLED} cycles")
+
+
 @pytest.mark.no_cover
 def test_a_steady_past_is_one_in_all_but_few_of_200_histories():
     assert sum(bool(doubt(healthy(60, seed))) for seed in range(200)) <= 2

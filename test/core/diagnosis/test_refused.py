@@ -187,3 +187,20 @@ def test_a_fault_of_long_ago_is_told_beside_it():
     old = [fault("sensor_gain", 3), fault("command_loss", 5), fault("delay", 21, end=22)]
     assert with_still(old, STUCK) == (*old, STUCK)
     assert with_still(old, None) == tuple(old)
+
+
+def features(cycle, status=EstimateStatus.REFUSED):
+    return replace(given(cycle, status=status), estimator="features", parameters=())
+
+
+def test_cycles_without_features_are_not_ok():
+    shown = [features(c, EstimateStatus.PARTIAL) for c in range(1, 21)]
+    later = [given(c) for c in range(21, 21 + LEAST_REFUSED)]
+    mute = [features(c) for c in range(21, 21 + LEAST_REFUSED)]
+    said = refused_lately([*USUAL, *shown, *later, *mute])
+    assert said.reason.startswith(f"the newest {LEAST_REFUSED} cycles show no features")
+    assert not said.unusable
+    assert verdict([*USUAL, *later, *mute]).kind is VerdictKind.NOT_ENOUGH_DATA
+    seen = features(later[0].cycle, EstimateStatus.PARTIAL)
+    assert refused_lately([*USUAL, *shown, *later, seen, *mute[1:]]) == FRESH
+    assert refused_lately([*USUAL, *shown, *later]) == FRESH  # they are not asked for any more

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.survey.cycles import strokes_from_rest
+from valve_twin.core.survey.cycles import plan_cycles, strokes_from_rest
 from valve_twin.core.survey.pairs import Signal
 from valve_twin.core.types import CycleRule
 
@@ -52,3 +52,24 @@ def test_cycles_that_no_least_length_tells_apart_are_not_cut_so(programmes):
 def test_a_command_that_never_drives_back_is_none_of_a_cylinder():
     command, answer = cylinder([[(0.4, 4.0), (0.3, 4.0)]] * 3)
     assert strokes_from_rest(command, answer) is None
+
+
+def program(levels, cycles=40, wave=0.03):
+    """Return a command of some levels, 1 s each, as large as load and product want it."""
+    size = 1.0 + wave * np.sin(np.arange(cycles) / 3.0)
+    u = np.concatenate([s * np.repeat(levels, 10) for s in size])
+    u = (u - u.min()) / np.ptp(u)
+    return Signal("command", np.rint(np.arange(len(u)) * STEP_S * 1e9).astype(np.int64), u)
+
+
+def test_a_command_both_ways_leaves_its_rest_in_every_cycle():
+    plan = plan_cycles([program((0.0, 0.6, 0.6, 0.0, -0.4, -0.4))], STEP_S, has_counter=False)
+    assert (plan.rule, plan.count) == (CycleRule.REFERENCE, 40)
+    assert float(plan.values["reference_level"]) == pytest.approx(0.42, abs=0.02)
+
+
+def test_a_hold_in_mid_range_is_no_rest_where_the_command_leaves_its_lowest_level_as_evenly():
+    levels = (0.0, 0.5, 0.5, 0.5, 1.0, 1.0)
+    plan = plan_cycles([program(levels, wave=0.0)], STEP_S, has_counter=False)
+    assert (plan.rule, plan.count) == (CycleRule.REFERENCE, 40)
+    assert float(plan.values["reference_level"]) == pytest.approx(0.02)

@@ -9,7 +9,7 @@ import pytest
 
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.configure.channels import Survey, look
-from valve_twin.io.configure.survey import choose
+from valve_twin.io.configure.survey import choose, even_step
 from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.io.instruments.clock import ClockChoice
 
@@ -188,3 +188,17 @@ def test_the_cylinder_is_found_among_sixteen_nameless_channels(shared):
     _, choice = chosen(look(paths, ClockChoice()))
     assert (choice.pair.command, choice.pair.answer) == ("ADC1_Channel_13", "ADC1_Channel_14")
     assert choice.trials[0].fit > choice.pair.line
+
+
+def test_reports_of_changes_want_one_grid_and_even_samples_do_not(tmp_path):
+    command = steps()
+    columns = {"set point [mm]": command, "spool travel [mm]": slew_valve(command)}
+    timed, _ = chosen(survey(tmp_path / "a.csv", columns))
+    assert even_step(timed) == 0.0
+    rng = np.random.default_rng(6)
+    times = np.cumsum(rng.choice([1.0, 3.0, 8.0, 30.0], N))
+    lines = [f"{t:.0f},{u:.4f},{y:.4f}" for t, u, y in zip(times, *columns.values(), strict=True)]
+    path = tmp_path / "b.csv"
+    path.write_text("\n".join(["t_s,set point [mm],spool travel [mm]", *lines]), encoding="utf-8")
+    timed, _ = chosen(look([path], ClockChoice()))
+    assert even_step(timed) == 1.0

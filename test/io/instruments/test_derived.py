@@ -77,3 +77,21 @@ def test_a_switched_channel_is_held_and_a_pause_stays_empty():
 def test_a_step_longer_than_the_file_is_refused():
     with pytest.raises(BagError, match=r"a\.csv: resample_s 20 gives 1 rows"):
         resampled(recording(("a", [0, 1], [1, 2])), 20.0)
+
+
+def test_a_value_that_is_reported_when_it_changes_stays_in_a_silence_that_ends_where_it_began():
+    rng = np.random.default_rng(4)
+    t = np.cumsum(rng.uniform(0.5, 4.0, 200))
+    t[100:] += 120.0  # no report for two minutes
+    near = np.round(np.cumsum(rng.choice([-0.3, 0.3], 200)), 1)
+    near[100] = near[99] + 0.3
+    made = resampled(recording(("y", t, near)), 1.0)
+    quiet = (made.columns[0].seconds > t[99]) & (made.columns[0].seconds < t[100])
+    assert quiet.sum() > 100
+    assert np.isfinite(values(made, "y")[quiet]).all()
+    far = np.where(np.arange(200) < 100, near, near + 9.0)  # something was missed
+    lost = resampled(recording(("y", t, far)), 1.0)
+    assert np.isnan(values(lost, "y")[quiet]).all()
+    even = np.arange(200.0) + np.where(np.arange(200) < 100, 0.0, 120.0)  # a pause of a logger
+    paused = resampled(recording(("y", even, near)), 1.0)
+    assert np.isnan(values(paused, "y")[101:219]).all()

@@ -94,7 +94,7 @@ def detect(
     """
     config, memory = config or DetectionConfig(), memory or Memory()
     looked_at = len(cycles)
-    told = _told(vectors)
+    told = telling(vectors)
     if told is not None:
         cycles, vectors = cycles[told], vectors[told]  # what shows nothing confirms nothing
     edges = [0, *sorted({int(np.searchsorted(cycles, c)) for c in restarts}), len(cycles)]
@@ -116,8 +116,14 @@ def detect(
     return Diagnosis(tuple(findings), looked_at, ready, departs=far, newest=newest)
 
 
-def _told(vectors: FloatArray) -> BoolArray | None:
-    """Return which of (N, F) cycles show anything, None = all do."""
+def telling(vectors: FloatArray) -> BoolArray | None:
+    """Return which cycles show anything, None = all do.
+
+    Parameters
+    ----------
+    vectors : (N, F) array
+        Features as they are followed [unit by feature]; NaN where a cycle does not show one.
+    """
     for column in vectors.T:
         if np.isfinite(column).all():
             return None

@@ -17,6 +17,7 @@ import numpy as np
 from valve_twin.core.diagnosis.changes.jumps import BEYOND
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.config import DetectionConfig
+from valve_twin.core.diagnosis.detection import telling
 from valve_twin.core.diagnosis.lines import filled, rays_of_steps
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.core.diagnosis.watch.alarm import first_alarm
@@ -150,6 +151,9 @@ def doubt_of(
         One line. Once the first cycles were found to differ, they do in every longer history.
     """
     config = config or DetectionConfig()
+    told = telling(vectors)
+    if told is not None:
+        cycles, vectors = cycles[told], vectors[told]
     if len(cycles) < config.settled:
         if others is not None and _is_steady(vectors, others, table, config):
             return ""

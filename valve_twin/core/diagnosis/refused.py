@@ -53,20 +53,36 @@ FRESH = Stale()
 
 
 def refused_lately(history: Iterable[Estimate] | Past) -> Stale:
-    """Return why the newest cycles say nothing.
+    """Return why the newest cycles say nothing, of the parameters or of sudden faults.
 
     Parameters
     ----------
     history : iterable of Estimate, or Past
         Estimates of all estimators.
     """
-    rows = past_of(history).trend
+    past = past_of(history)
+    rows = past.trend
     newest = _newest_refused(rows)
     if len(newest) < LEAST_REFUSED:
-        return FRESH
+        return _featureless(past)
     unusable = bool(rows.implausible[newest[-LEAST_REFUSED:]].all())
     reason = rows.reasons[int(rows.key[newest[-1]])]
     return Stale(f"the newest {len(newest)} cycles gave no estimate: {reason}", unusable)
+
+
+def _featureless(past: Past) -> Stale:
+    """Return that the newest cycles with an estimate show no features: no fault is seen."""
+    features = past.features
+    given = np.unique(past.trend.cycle[past.trend.given])[-LEAST_REFUSED:]
+    sought = np.isin(given, features.cycle)
+    if len(given) < LEAST_REFUSED or not sought.all():
+        return FRESH
+    if np.isin(given, features.cycle[features.given]).any():
+        return FRESH
+    return Stale(
+        f"the newest {LEAST_REFUSED} cycles show no features, so nothing is said of sudden "
+        "faults: too few samples, or more than 1 % of them are missing"
+    )
 
 
 def still(history: Iterable[Estimate] | Past) -> Finding | None:

@@ -24,8 +24,11 @@ _AT_REST = 0.1  # share of the record that a command must rest for a rule on it,
 _LEAST_CYCLES = 2
 _LEVELS, _ON_LEVELS = 12, 0.95  # a switched command is on so few levels for that share, assumed
 _SWITCHED = 0.2  # share of its range above which it is on, assumed
-_NEAR_END = 0.1  # share of its range that an answer lies from where it sets off, assumed
+_NEAR_END = 0.1  # share of its range from its end where an answer sets off, assumed
+_EVEN = 2.0  # longest interval over the shortest of a program with a rest in mid-range, assumed
+_EVENER = 0.5  # of that of the intervals from the lowest level, assumed
 _SHORTEST = 0.5  # of the shortest interval found: the least length that is proposed
+_INSIDE = 0.1  # share of its range from its ends where a command is in mid-range, assumed
 _WINDOW_S = 300.0  # fixed window, assumed
 _LEAST_WINDOWS = 3
 _LEAST_IN_WINDOW = 100  # samples
@@ -98,21 +101,53 @@ def _from_commands(start: Signal, rearm: Signal, period_s: float) -> CyclePlan:
 
 
 def _from_reference(command: Signal, period_s: float) -> CyclePlan | None:
-    """Cut where the command leaves its rest, if it rests now and then."""
+    """Cut where the command leaves its rest, if it rests now and then.
+
+    That is its lowest level, or one in mid-range that it goes beyond both ways, if it stays there
+    for longer and leaves it more evenly: the lower half of such a program is no rest.
+    """
     low, span = float(command.values.min()), float(np.ptp(command.values))
-    level = low + _LEVEL * span
-    if float(np.mean(command.values < level)) < _AT_REST:
+    lowest, share = _leaving(command, low), float(np.mean(command.values < low + _LEVEL * span))
+    middle = low + _middle(command.values) * span
+    here = float(np.mean(np.abs(command.values - middle) < 0.5 * _LEVEL * span))
+    opened = _leaving(command, middle)
+    even = _spread(opened) < min(_EVENER * _spread(lowest), _EVEN)
+    if even and here >= max(share, _AT_REST):
+        rest = middle
+    elif share >= _AT_REST:
+        rest, opened = low, lowest
+    else:
         return None
-    opened = command.stamp_ns[_rises(command.values, level, low + 0.5 * _LEVEL * span)].tolist()
     if len(opened) < _LEAST_CYCLES:
         return None
     values: dict[str, float | str] = {
-        "reference_level": level,
+        "reference_level": rest + _LEVEL * span,
         "reference_hysteresis": 0.5 * _LEVEL * span,
         "min_cycle_s": _least(opened, period_s),
     }
     reason = f"the command leaves its rest: {_found(opened)}"
     return CyclePlan(CycleRule.REFERENCE, reason, values, len(opened))
+
+
+def _leaving(command: Signal, rest: float) -> list[int]:
+    """Return the stamps at which a command rises from a level [ns]."""
+    span = float(np.ptp(command.values))
+    rises = _rises(command.values, rest + _LEVEL * span, rest + 0.5 * _LEVEL * span)
+    return [int(stamp) for stamp in command.stamp_ns[rises]]
+
+
+def _middle(values: FloatArray) -> float:
+    """Return where a command stays longest but near its ends, as a share of its range [1]."""
+    share = (values - values.min()) / np.ptp(values)
+    number = np.rint(share / (0.5 * _LEVEL)).astype(np.int64)
+    bins = np.bincount(number[np.abs(share - 0.5) < 0.5 - _INSIDE], minlength=1)
+    return 0.5 * _LEVEL * int(np.argmax(bins))
+
+
+def _spread(opened: Sequence[int]) -> float:
+    """Return the longest interval between some stamps over the shortest [1]."""
+    intervals = np.diff(opened)
+    return float(intervals.max() / intervals.min()) if len(intervals) else np.inf
 
 
 def switched_cycles(command: Signal, period_s: float) -> CyclePlan | None:

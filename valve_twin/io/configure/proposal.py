@@ -91,7 +91,7 @@ def yaml_text(
         lines.append("      times_measured: false   # rates and dates are no measurements")
     if survey.clock.resample_s:
         step = number_text(survey.clock.resample_s)
-        lines.append(f"      resample_s: {step}   # as asked: one grid for all channels [s]")
+        lines.append(f"      resample_s: {step}   # one grid for all channels [s]")
         if survey.clock.period_s:
             lines.append(f"      row_s: {number_text(survey.clock.period_s)}   # as given [s]")
     if first.start_ns is not None:

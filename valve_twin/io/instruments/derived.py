@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 _PART = re.compile(r"max\((-?)(.+), 0\)")
 _GAP_STEPS = 10.0  # of the channel or of the new grid: a longer pause is left empty
 _MOST_STEPS = 50_000_000
+REPORTED = 0.5
+"""Share of steps off by a tenth from which on values are reported as they change, assumed [1]."""
+_QUIET = 2.0  # usual changes between two reports within which a value stays unreported, assumed
 _SWITCHED = 0.3  # share of the samples that repeat the one before: held, never averaged
 
 
@@ -109,7 +112,8 @@ def resampled(recording: Recording, step_s: float) -> Recording:
     """Return all channels on one grid of equal steps.
 
     A measured channel that is denser than the grid is averaged over each step, a sparser one
-    interpolated; a switched one is held. A pause of more than ten steps stays empty.
+    interpolated; a switched one is held. A pause of more than ten steps stays empty, but where
+    values are reported when they change and it ends near where it began.
 
     Parameters
     ----------
@@ -138,6 +142,19 @@ def resampled(recording: Recording, step_s: float) -> Recording:
     return replace(recording, columns=columns, clock=clock)
 
 
+def irregular(seconds: FloatArray) -> float:
+    """Return the share of steps that are off the median one by a tenth [1].
+
+    Parameters
+    ----------
+    seconds : (N,) array
+        Times of a channel, rising [s].
+    """
+    steps = np.diff(seconds)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    return float(np.mean(np.abs(steps - usual) > 0.1 * usual)) if len(steps) else 0.0
+
+
 def _resample(column: Column, grid: FloatArray, step_s: float) -> FloatArray:
     good = np.isfinite(column.values)
     seconds, values = column.seconds[good], column.values[good]
@@ -158,9 +175,13 @@ def _resample(column: Column, grid: FloatArray, step_s: float) -> FloatArray:
         out = np.where(number > 0, total / np.maximum(number, 1), np.nan)
         empty = number == 0
         out[empty] = np.interp(grid[empty], seconds, values, left=np.nan, right=np.nan)
-    before = seconds[np.maximum(at, 0)]
-    after = seconds[np.minimum(at + 1, len(seconds) - 1)]
+    first, then = np.maximum(at, 0), np.minimum(at + 1, len(seconds) - 1)
+    before, after = seconds[first], seconds[then]
     limit = _GAP_STEPS * max(step_s, own_s)
-    out[(after - before > limit) & (grid > before) & (grid < after)] = np.nan
+    empty = (after - before > limit) & (grid > before) & (grid < after)
+    if irregular(seconds) > REPORTED:  # silence then means that nothing changed
+        usual = float(np.median(np.abs(np.diff(values))))
+        empty &= np.abs(values[then] - values[first]) > _QUIET * usual
+    out[empty] = np.nan
     out[grid > seconds[-1] + limit] = np.nan
     return out

@@ -177,3 +177,11 @@ def test_a_lost_move_of_a_slow_valve_is_one_of_its_moves(move):
     found = cycle_features(Record(slow_valve(done, done[0]), response, 0.5, NONE))
     assert found["unfollowed"] == pytest.approx(0.25)
     assert np.isnan(found["level_zero"])
+
+
+def test_how_long_a_switched_command_is_on_says_nothing(motion, shown):
+    on = np.where(np.arange(400) < 100, 1.0, 0.0)
+    assert np.isnan(shown(motion, commands=on[:, None])["saturated"])
+    steered = np.where(np.arange(400) < 100, 0.3, 0.2 + 1e-3 * np.arange(400))
+    beside = np.stack((on, steered), axis=1)
+    assert shown(motion, commands=beside)["saturated"] == 0.0

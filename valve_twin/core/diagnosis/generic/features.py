@@ -176,8 +176,9 @@ def cycle_features(record: Record) -> dict[str, float]:
     if len(y) < _LEAST_SAMPLES or record.missing > _MOST_GAPS:
         return found
     found["repeats"] = float(np.mean(np.diff(y) == 0.0))
-    if record.commands.shape[1]:
-        found["saturated"] = float(np.mean((np.abs(record.commands) >= _END).any(axis=1)))
+    steered = record.commands[:, ~_switched(record.commands)]
+    if steered.shape[1]:
+        found["saturated"] = float(np.mean((np.abs(steered) >= _END).any(axis=1)))
     known = np.isfinite(record.position) & np.isfinite(record.response)
     response = record.response[known]
     span = float(np.ptp(response)) if len(response) >= _LEAST_SAMPLES else 0.0
@@ -188,6 +189,12 @@ def cycle_features(record: Record) -> dict[str, float]:
     step = step_of(record.position[known]) / span
     found |= _compared(response / span, off, step, record.period_s)
     return found
+
+
+def _switched(commands: FloatArray) -> BoolArray:
+    """Return which of (N, M) commands are off or at their end all along: on is no saturation."""
+    size = np.abs(commands)
+    return np.asarray(~((size > 1.0 - _END) & (size < _END)).any(axis=0), dtype=np.bool_)
 
 
 def _compared(s: FloatArray, off: FloatArray, step: float, period_s: float) -> dict[str, float]:
