@@ -304,6 +304,17 @@ class ValveModel(Protocol):
         del options
         return {}
 
+    def also_followed(self, options: Options) -> tuple[str, ...]:
+        """Return parameters whose aging `configure` follows beside those marked `trend`.
+
+        Parameters
+        ----------
+        options : dataclass
+            The model's options: a term that is on has parameters of its own.
+        """
+        del options
+        return ()
+
     def bench_fits(self) -> tuple[BenchFit, ...]:
         """Return the kinds of test-bench records that are evaluated with this valve."""
         return ()

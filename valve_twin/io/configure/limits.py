@@ -82,7 +82,9 @@ def justified_limits(text: str, files: Sequence[Path], count: float = math.inf) 
         written = Path(folder, "valve.yaml")
         write_whole(written, text)
         config = load_config(written)[0]
-        followed = [p.name for p in get_model(config.model).parameters if p.trend]
+        model = get_model(config.model)
+        followed = [p.name for p in model.parameters if p.trend]
+        followed += model.also_followed(config.options)
         if count < LEAST_CYCLES:
             why = f"none: {count:.0f} cycles, {LEAST_CYCLES} tell the scatter"
             return [Limit(name, math.nan, why) for name in followed]

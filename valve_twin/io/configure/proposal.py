@@ -219,6 +219,7 @@ def _limits(limits: Sequence[Limit]) -> list[str]:
     set_ = [limit for limit in limits if math.isfinite(limit.percent)]
     lines = [
         "    aging:",
+        f"      parameters: [{', '.join(x.parameter for x in limits)}]   # whose aging is followed",
         "      default_percent: 0.0   # no limit but those that the scatter supports [%]",
     ]
     lines += [f"      # {x.parameter}: {x.reason}" for x in limits if x not in set_]

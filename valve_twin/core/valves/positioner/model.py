@@ -145,6 +145,16 @@ class PositionerModel(Lawful, CompiledModel):
         )
         return next((fault for fault in faults if fault), "")
 
+    def also_followed(self, options: PositionerOptions) -> tuple[str, ...]:
+        """Return dead command and gain of a static curve: what wears or clogs changes them.
+
+        Parameters
+        ----------
+        options : PositionerOptions
+            The model's options.
+        """
+        return ("dead_command", "static_gain") if options.static_curve else ()
+
     def merge(self, estimates: Sequence[Estimate]) -> Mapping[str, float]:
         """Return what several cycles together know: the newest value of every parameter.
 
