@@ -68,3 +68,23 @@ def test_too_few_cycles_are_not_estimated():
     limits = justified_limits(text, [Path("not there.csv")], count=3.0)
     assert [limit.parameter for limit in limits] == ["time_constant", "dead_band"]
     assert {limit.reason for limit in limits} == {"none: 3 cycles, 10 tell the scatter"}
+
+
+def test_the_gain_of_a_static_curve_is_followed_where_the_proposal_has_one(tmp_path):
+    text = "/**:\n  ros__parameters:\n    model: positioner\n    period_s: 0.01\n"
+    names = [x.parameter for x in justified_limits(text, [Path("not there.csv")], count=3.0)]
+    assert "static_gain" not in names
+    text += "    options:\n      static_curve: true\n"
+    more = [x.parameter for x in justified_limits(text, [Path("not there.csv")], count=3.0)]
+    assert more == [*names, "dead_command", "static_gain"]
+    levels = np.repeat(np.random.default_rng(5).choice([10.0, 20.0, 35.0], 15), 100)
+    levels[np.arange(len(levels)) % 100 < 40] = 0.0
+    flow = slew_valve(np.clip(1.4 * levels - 8.0, 0.0, None))
+    found = survey(tmp_path / "flow.csv", {"valve command [%]": levels, "flow [l/min]": flow})
+    timed, choice = choose(found)
+    assert choice.trials[0].options.get("static_curve") is True
+    limits = [Limit(name, np.nan, "none") for name in more]
+    written = tmp_path / "valve.yaml"
+    written.write_text(yaml_text(timed, choice, ["flow.csv"], limits), encoding="utf-8")
+    assert load_config(written)[0].aging.parameters == tuple(more)
+    assert "      parameters:" not in yaml_text(timed, choice, ["flow.csv"])

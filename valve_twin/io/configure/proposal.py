@@ -219,9 +219,10 @@ def _limits(limits: Sequence[Limit]) -> list[str]:
     set_ = [limit for limit in limits if math.isfinite(limit.percent)]
     lines = [
         "    aging:",
-        f"      parameters: [{', '.join(x.parameter for x in limits)}]   # whose aging is followed",
         "      default_percent: 0.0   # no limit but those that the scatter supports [%]",
     ]
+    names = ", ".join(x.parameter for x in limits)
+    lines += [f"      parameters: [{names}]   # whose aging is followed"] if names else []
     lines += [f"      # {x.parameter}: {x.reason}" for x in limits if x not in set_]
     lines += ["      thresholds:   # change against the reference [%]"] if set_ else []
     for limit in set_:

@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """A valve's own motion: few numbers of a cycle, and the signatures that it gives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,12 @@ def test_a_cycle_that_stands_still_or_has_no_noise_gives_none():
     still = Record(np.ones(100), np.ones(100), PERIOD_S, np.zeros((100, 0)))
     assert motion_of(still, shown(1e-3)) is None
     assert motion_of(record(), shown(np.nan)) is None
+
+
+def test_a_position_without_noise_counts_as_that_of_a_good_sensor(motion):
+    filtered = replace(motion, noise=0.0, step=1e-5)
+    assert filtered.sigma == 1e-4
+    assert replace(motion, noise=2e-5, step=0.0).sigma == 2e-5
 
 
 @pytest.mark.no_cover
