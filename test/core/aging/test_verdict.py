@@ -10,6 +10,8 @@ import pytest
 
 from valve_twin.core.aging import AgingConfig, Threshold, TrendStatus, VerdictKind, assess
 from valve_twin.core.aging.verdict import Outlook, concern, decide, describe_limit, outlook
+from valve_twin.core.diagnosis.changes.finding import Finding
+from valve_twin.core.diagnosis.refused import FRESH, Stale
 from valve_twin.core.faults.advice import NONE, NOW, advise
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Parameter
@@ -168,3 +170,29 @@ def test_the_limit_that_is_in_doubt_is_named_beside_a_life(told):
         assert (said == "") == (ahead in (Outlook.UNKNOWN, Outlook.NO_LIMIT))
         assert said != "alarm in doubt" or ahead is Outlook.REACHED
         assert said != "warning in doubt" or ahead is not Outlook.REACHED
+
+
+def finding(name, alarm):
+    return Finding(name, (), "sensor", 3e-4, 20.0, 1, alarm)
+
+
+def said_of(fault, stale=FRESH):
+    return decide([], AgingConfig(), valve="", stamp_ns=0, cycle=40, fault=fault, stale=stale)
+
+
+def test_clocks_apart_name_no_part():
+    said = said_of(finding("clock", 20))
+    assert (said.kind, said.fault) == (VerdictKind.RECORDING_UNUSABLE, "clock")
+    assert said.evidence.startswith("clocks of position and commands apart, by 300 ppm")
+    assert said_of(finding("sensor_offset", 20)).kind is VerdictKind.SENSOR
+
+
+def test_a_fault_of_before_is_no_verdict_where_the_signals_are_unusable_since():
+    """Nothing tells whether it is over (stranger 98214)."""
+    stale = Stale("the newest 9 cycles gave no estimate: why", unusable=True, since=32)
+    said = said_of(finding("sensor_offset", 20), stale)
+    assert said.kind is VerdictKind.RECORDING_UNUSABLE
+    assert said.evidence.startswith(f"{stale.reason}; before it offset of the position sensor")
+    assert said_of(finding("sensor_offset", 32), stale).kind is VerdictKind.SENSOR
+    quiet = replace(stale, unusable=False)
+    assert said_of(finding("sensor_offset", 20), quiet).kind is VerdictKind.SENSOR

@@ -11,6 +11,7 @@ from valve_twin.core.diagnosis.products import (
     last_left,
     products,
     without_slips,
+    without_timed,
 )
 
 CYCLES = np.arange(1, 41)
@@ -86,6 +87,24 @@ def test_clocks_once_found_stay_found_when_the_delay_is_longer_than_is_searched(
     assert found is not None
     assert found.severity == pytest.approx(350e-6, rel=0.1)
     assert found.alarm == CYCLES[-1]
+
+
+def test_clocks_apart_are_found_though_the_delay_climbs_in_samples_and_stay_found(table):
+    """Strangers 96006, 95044: samples slip, and one look may find what the next does not."""
+    noise = 1e-3 * np.random.default_rng(6).standard_normal(40)
+    climbs = 0.02 * np.floor(300e-6 * START_S / 0.02) + 1e-4 * START_S + noise
+    vectors = delays(table, np.full(40, np.nan), climbs)
+    found = [
+        clocks_apart(CYCLES[:n], START_S[:n], vectors[:n], table) is not None for n in range(8, 41)
+    ]
+    assert found == sorted(found)
+    assert 15 <= len(found) - sum(found) + 8 <= 20  # 40 ms lie between these cycles
+
+
+def test_what_slides_between_clocks_apart_is_not_shown(table):
+    shown = dict(zip(table.features, without_timed(np.zeros((2, 13)), table).T, strict=True))
+    hidden = {name for name, values in shown.items() if np.isnan(values).all()}
+    assert hidden == {"delay_in", "delay_out", "shortfall"}
 
 
 def test_a_delay_that_comes_back_by_a_sample_is_no_clock_apart(table):

@@ -9,7 +9,7 @@ import pytest
 
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.detection import detect
-from valve_twin.core.diagnosis.reference import doubt_of, doubt_of_step
+from valve_twin.core.diagnosis.reference import doubt_of, doubt_of_noise, doubt_of_step
 from valve_twin.core.valves.press_cartridge import MODEL
 
 TABLE = MODEL.signatures()
@@ -113,6 +113,14 @@ def test_a_reference_once_given_is_seldom_withdrawn():
         given = [not early(vectors[:count]) for count in range(10, 20)]
         withdrawn += any(a and not b for a, b in pairwise(given))
     assert withdrawn == 0
+
+
+def test_a_noisier_sensor_of_the_first_cycles_leaves_no_reference():
+    noise = 1e-3 * np.exp(0.1 * np.random.default_rng(4).standard_normal(20))
+    assert doubt_of_noise(np.arange(1, 21), noise) == ""
+    noise[3:] *= 4.0
+    told = doubt_of_noise(np.arange(1, 21), noise)
+    assert told.startswith("no reference: cycles 1 to 3 differ from those since")
 
 
 def test_a_further_product_needs_fewer_cycles():

@@ -12,12 +12,11 @@ Else the verdict is `valve` if for any followed parameter
 2. the interval of the drift against the reference lies, beyond doubt, wholly beyond the warning
    limit, `alert_fraction` of the way to the threshold: the limit state is warning, or
 3. the slope leads to the threshold beyond doubt (`verdict_significance`) within `horizon` axis
-   units (median), and the drift has gone half as far as in 2. already; without this a short
-   segment that was cut out of wandering scatter raises false alarms.
+   units (median), and the drift has gone half as far as in 2. already: scatter wanders, too.
 
 Else nothing is named, in four words:
 
-recording unusable  the newest cycles were all refused for what the signals are
+recording unusable  two clocks run apart, or the newest cycles were refused for what signals are
 not enough data     the newest cycles were refused for another reason, or none gave an estimate,
                     or a label says that the cycles' order is no aging, or a parameter seems to be
                     beyond its threshold, but not beyond doubt, or the newest cycle departs from
@@ -40,7 +39,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from valve_twin.core.aging.limits.directions import mute_direction
-from valve_twin.core.diagnosis.changes.finding import describe_finding
+from valve_twin.core.diagnosis.changes.finding import CLOCK, describe_finding
 from valve_twin.core.diagnosis.refused import FRESH
 
 if TYPE_CHECKING:
@@ -316,12 +315,13 @@ def decide(
     if config.label:
         kind = VerdictKind.NOT_ENOUGH_DATA
         evidence = f"the cycles differ ({config.label}): what changes is not taken for wear"
-    elif fault is not None:
+    elif fault is not None and not stale.outdates(fault):
         kind, evidence = VerdictKind[fault.part.upper()], describe_finding(fault)
+        kind = VerdictKind.RECORDING_UNUSABLE if fault.fault == CLOCK else kind
         named = fault.fault
         evidence += f"; beside it {describe(worst[2])}" if worst and worst[0] else ""
     elif stale.reason:
-        evidence = stale.reason
+        evidence = stale.reason + (f"; before it {describe_finding(fault)}" if fault else "")
         kind = VerdictKind.RECORDING_UNUSABLE if stale.unusable else VerdictKind.NOT_ENOUGH_DATA
     elif worst is None:
         seen = any(t.samples for t in trends)

@@ -30,6 +30,9 @@ UNFOLLOWED = "unfollowed"
 DELAYS = ("delay_in", "delay_out")
 """Names of the features that are times from a command to the motion [s]."""
 
+TIMED = (*DELAYS, "shortfall")
+"""Names of the features that change by themselves where two clocks run apart."""
+
 
 NEXT_CYCLE = "the next cycle"
 """Name of the check that the model of the cycles before follows a cycle better than its mean."""

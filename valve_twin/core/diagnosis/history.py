@@ -22,8 +22,15 @@ from valve_twin.core.diagnosis.generic.naming import explained_in, renamed
 from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
 from valve_twin.core.diagnosis.given.judged import judged, without_first
-from valve_twin.core.diagnosis.products import MADE, clocks_apart, last_left, products
-from valve_twin.core.diagnosis.reference import YET, doubt_of, doubt_of_step, measure, unnamed
+from valve_twin.core.diagnosis.products import MADE, clocks_of, last_left, products, without_timed
+from valve_twin.core.diagnosis.reference import (
+    YET,
+    doubt_of,
+    doubt_of_noise,
+    doubt_of_step,
+    measure,
+    unnamed,
+)
 from valve_twin.core.diagnosis.refused import still, with_still
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.core.diagnosis.watch.growing import present
@@ -145,8 +152,7 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
         return Searched(NOTHING)
     model, table, shown = named
     any_valve = model.feature_set.of_any_valve
-    cycles = shown.cycle
-    vectors = known.vectors(shown, model.feature_set)
+    cycles, vectors = shown.cycle, known.vectors(shown, model.feature_set)
     restarts = [m.cycle for m in maintenance]
     settled = past.settled or _NONE
     product = products_of(shown)
@@ -158,6 +164,9 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
     first = anew or past.settled is None
     lately = product[product >= 0][-MADE:].tolist()
     compared: list[tuple[IntArray, FloatArray, int]] = []
+    before = [_until_maintained(f, cycles, restarts) for f in settled.findings]
+    clock = clocks_of(shown, vectors, table, before, since, begins=first)
+    vectors = without_timed(vectors, table) if clock else vectors
     for number, own in _rows_of(product):
         of = known.of(number)
         steady = of.slips.taken_out(vectors[own], table)
@@ -197,6 +206,8 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
             else []
         )
     known_since = slice(since, None)
+    if first and not any_valve and not doubt:
+        doubt = doubt_of_noise(cycles[known_since], shown.value(NOISE)[known_since])
     doubt = doubt or doubt_across(
         cycles[known_since], vectors[known_since], product[known_since], model.feature_set
     )
@@ -206,11 +217,7 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
         found = [f for f in found if f.onset >= next_]
     stopped = any(f.end < 0 for f in found) or (stopped and not anew)
     found.sort(key=lambda f: (f.alarm, f.onset))
-    before = [_until_maintained(f, cycles, restarts) for f in settled.findings]
-    if not any(f.fault == CLOCK and f.end < 0 for f in before):
-        start_s = np.asarray((shown.start_ns - shown.start_ns[0]) * 1e-9, np.float64)
-        clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table, begins=first)
-        found += [clock] if clock else []
+    found += [clock] if clock and clock not in before else []
     direct: list[Finding] = []
     if not any_valve:
         values = _direct_values(shown)

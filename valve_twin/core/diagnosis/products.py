@@ -12,13 +12,16 @@ import numpy as np
 
 from valve_twin.core.diagnosis.changes.finding import CLOCK, Finding
 from valve_twin.core.diagnosis.changes.kept import kept
-from valve_twin.core.diagnosis.features import DELAYS
+from valve_twin.core.diagnosis.features import DELAYS, TIMED
 from valve_twin.core.diagnosis.watch.growing import Growing, begins
 from valve_twin.core.estimation.data.robust import robust_sigma
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from valve_twin.core.diagnosis.table import SignatureTable
+    from valve_twin.core.past.columns import Rows
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _ALIKE = 0.01
@@ -50,19 +53,19 @@ _MOST_SLIPS = 2
 _UNMOVED = 0.1
 """Share of such a jump by which the other delay may move [1]."""
 
-_LEAST_CYCLES = 16
+_LEAST_CYCLES = 14
 _NEWEST = 200
-_LOOKS = (16, 24, 36, 54, 80, 120, 180)
+_LOOKS = (*range(14, 65, 2), 72, 80, 90, 100, 120, 150, 180, 200)
 """Numbers of first cycles that are looked at again in every longer history."""
 
-_SURE = 10.0
+_SURE = 5.0
 _LEAST_SHIFT_S = 0.01
 _LEAST_ALONE_S = 0.04
 _BACK = 0.5
 """Share of the shift by which the newest delay may be off it: clocks do not come back [1]."""
 
 _FASTEST = 5e-3
-_OF_RATE = 0.5
+_OF_RATE = 0.35
 """Share of the rate that each delay, and each half of the record, must show [1]."""
 
 _ROUNDED = 1e-9
@@ -246,12 +249,65 @@ def take_out_slips(delays: FloatArray, shift: FloatArray, slips: IntArray, first
         delays[row] -= shift
 
 
+def without_timed(vectors: FloatArray, table: SignatureTable) -> FloatArray:
+    """Take out what slides and jumps by itself between two clocks that run apart.
+
+    Parameters
+    ----------
+    vectors : (N, F) array
+        Features [unit by feature].
+    table : SignatureTable
+        Names of the features.
+
+    Returns
+    -------
+    (N, F) array
+        Features, those that are `TIMED` not shown.
+    """
+    kept = [name not in TIMED for name in table.features]
+    return np.where(kept, vectors, np.nan)
+
+
 @dataclass(frozen=True, slots=True)
 class _Slope:
     """A robust line: slope and its standard error."""
 
     value: float
     error: float
+
+
+def clocks_of(
+    shown: Rows,
+    vectors: FloatArray,
+    table: SignatureTable,
+    before: Sequence[Finding],
+    since: int,
+    *,
+    begins: bool,
+) -> Finding | None:
+    """Return that clocks run apart, known before or found, see `clocks_apart`.
+
+    Parameters
+    ----------
+    shown : Rows
+        Features, a cycle a row.
+    vectors : (N, F) array
+        The same as they are followed [unit by feature].
+    table : SignatureTable
+        Names of the features.
+    before : sequence of Finding
+        Faults of old.
+    since : int
+        First row since start or maintenance.
+    begins : bool
+        Whether none came before it.
+    """
+    known = (f for f in before if f.fault == CLOCK and f.end < 0)
+    start_s = np.asarray((shown.start_ns - shown.start_ns[0]) * 1e-9, np.float64)
+    own = slice(since, None)
+    return next(known, None) or clocks_apart(
+        shown.cycle[own], start_s[own], vectors[own], table, begins=begins
+    )
 
 
 def clocks_apart(
@@ -287,11 +343,14 @@ def clocks_apart(
         Its severity is the rate of one clock over the other, less 1.
     """
     count = len(cycles)
-    looks = [slice(max(count - _NEWEST, 0), count)]
-    looks += [slice(0, end) for end in _LOOKS if begins and end < count]
     shown = [table.features.index(name) for name in DELAYS if name in table.features]
-    delays, newest = vectors[:, shown], looks[0]
-    rates = ((_rate if k is newest else _early_rate)(start_s[k], delays[k]) for k in looks)
+    if not shown:
+        return None
+    looks = [slice(0, end) for end in _LOOKS if begins and end <= count]
+    if not begins or count > _NEWEST:
+        looks.insert(0, slice(max(count - _NEWEST, 0), count))
+    delays = vectors[:, shown]
+    rates = ((_early_rate if k.start == 0 else _rate)(start_s[k], delays[k]) for k in looks)
     for seen, rate in zip(looks, rates, strict=True):
         if rate is not None:
             first, last = int(cycles[seen.start]), int(cycles[-1])

@@ -18,6 +18,7 @@ from valve_twin.core.diagnosis.changes.jumps import BEYOND
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.detection import telling
+from valve_twin.core.diagnosis.direct.noise import first_quieter
 from valve_twin.core.diagnosis.lines import filled, rays_of_steps
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.core.diagnosis.watch.alarm import first_alarm
@@ -219,6 +220,22 @@ def doubt_of_step(
         if first:
             return _differ(cycles[rows], first)
     return ""
+
+
+def doubt_of_noise(cycles: IntArray, noise: FloatArray) -> str:
+    """Return that all cycles but the first few are noisier at rest, or "".
+
+    No alarm tells it, since too few cycles came before.
+
+    Parameters
+    ----------
+    cycles : (N,) int64 array
+        Cycle numbers since start or maintenance, rising.
+    noise : (N,) array
+        Standard deviation of the position at rest [unit of the position]; NaN where unknown.
+    """
+    first = first_quieter(noise)
+    return _differ(cycles, first) if first else ""
 
 
 def _differ(cycles: IntArray, count: int) -> str:

@@ -41,11 +41,22 @@ class Stale:
     """Why the newest cycles say nothing: an empty `reason` = they do.
 
     `unusable` where the signals themselves are why: they cannot be those of a valve, or are too
-    coarse.
+    coarse. `since` is the first of these cycles.
     """
 
     reason: str = ""
     unusable: bool = False
+    since: int = 0
+
+    def outdates(self, fault: Finding) -> bool:
+        """Return whether signals that are unusable leave open if a fault of before is there.
+
+        Parameters
+        ----------
+        fault : Finding
+            A fault that was not seen to end.
+        """
+        return self.unusable and fault.alarm < self.since
 
 
 FRESH = Stale()
@@ -67,7 +78,8 @@ def refused_lately(history: Iterable[Estimate] | Past) -> Stale:
         return _featureless(past)
     unusable = bool(rows.implausible[newest[-LEAST_REFUSED:]].all())
     reason = rows.reasons[int(rows.key[newest[-1]])]
-    return Stale(f"the newest {len(newest)} cycles gave no estimate: {reason}", unusable)
+    why = f"the newest {len(newest)} cycles gave no estimate: {reason}"
+    return Stale(why, unusable, int(rows.cycle[newest[0]]))
 
 
 def _featureless(past: Past) -> Stale:

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.diagnosis.direct.noise import noisier, over
+from valve_twin.core.diagnosis.direct.noise import first_quieter, noisier, over
 
 
 def levels(cycles, seed, spread=0.1):
@@ -72,3 +72,17 @@ def test_what_was_found_long_ago_is_over_at_the_same_cycle_without_what_came_bef
     assert seen.end == -1
     assert over(cycles[250:400], noise[250:400], seen, 300) == -1
     assert over(cycles[250:], noise[250:], seen, 300) == whole.end == 405
+
+
+@pytest.mark.parametrize("first", [2, 3, 7])
+def test_a_sensor_that_was_quiet_in_the_first_cycles_only_is_told(first):
+    """Too few cycles came before for an alarm (stranger 96071)."""
+    noise = levels(40, 4)
+    noise[first:] *= 4.0
+    assert noisier(np.arange(1, 41), noise) == []
+    assert first_quieter(noise) == first
+    assert first_quieter(noise[:9]) == 0  # eight behind two must show it
+
+
+def test_the_first_cycles_of_400_sound_sensors_are_not_quieter_in_all_but_one():
+    assert sum(bool(first_quieter(levels(40, seed, 0.2))) for seed in range(400)) <= 1

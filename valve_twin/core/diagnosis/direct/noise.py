@@ -65,6 +65,22 @@ def noisier(cycles: IntArray, noise: FloatArray, product: IntArray | None = None
     return Noise().found(cycles, noise, product)
 
 
+def first_quieter(noise: FloatArray) -> int:
+    """Return how many of the first cycles all others are noisier than, 0 = none.
+
+    Parameters
+    ----------
+    noise : (N,) array
+        Standard deviation of the position at rest [unit of the position]; NaN where unknown.
+    """
+    known = np.flatnonzero(np.isfinite(noise) & (noise > 0.0))
+    level = np.log(noise[known])
+    for first in reversed(range(_CONFIRM, min(_LEAST, len(level) - _LEAST + 1))):
+        if _rise(-level[first : first + _MOST], -level[:first])[0]:
+            return int(known[first])
+    return 0
+
+
 class Noise:
     """Finds when a sensor was noisier, as cycles come; see `noisier`."""
 
