@@ -46,6 +46,7 @@ def test_the_first_table_is_of_the_frozen_seeds(committed):
         ("fourteenth", 99_500, 200),
         ("sixteenth", 103_000, 200),
         ("eighteenth", 110_000, 200),
+        ("nineteenth", 120_000, 100),
     ],
 )
 def test_the_newest_tables_are_of_lists_of_their_own(committed, name, base, count):
