@@ -23,6 +23,7 @@ _FEWEST_LEVELS = 4  # of a position, to know its step
 _STROKES = (0.6, 1.6)  # a cycle's stroke over the usual one, products differ, assumed
 _REACH_S = 1.0  # how late or early a response is looked for [s]
 _MOST_TRIED = 64  # lags on either side
+_AS_WELL = 0.98  # share of what the best lag explains at which another is it as well, assumed
 _AT_STOP = 0.05  # share of the span from its end at which a position is at a stop, assumed
 
 COARSEST = 0.01
@@ -156,7 +157,7 @@ def late_fault(
     if not agreement[best] > CLEAR or allowed >= WORSE * agreement[best]:
         return ""
     at_stops = explained_by_lag(position, inputs, reach, _AT_STOP)
-    if at_stops[reach : reach + max_lag + 1].max() >= WORSE * at_stops.max():
+    if at_stops[reach : reach + max_lag + 1].max() >= _AS_WELL * at_stops.max():
         return ""  # commands that press on against a stop spoke for another lag
     late = (best - reach) * period_s
     if late < 0.0:
