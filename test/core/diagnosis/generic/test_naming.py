@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """Faults named by what explains the motion of their cycles."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,7 +70,8 @@ def test_what_no_motion_shows_keeps_its_name(fault):
 
 def test_the_name_by_signatures_stays_where_it_explains_a_third_or_nothing_does():
     found = finding("lost_motion")
-    assert named(found, shown(delay=1.0, lost_motion=0.5)) == found
+    beside = named(found, shown(delay=1.0, lost_motion=0.5, slow=0.4, slow_up=0.3))
+    assert beside == replace(found, rivals=("delay", "slow"))
     assert named(found, shown(delay=0.1)) == found
     assert named(found, shown(scatter=0.5, delay=0.5)) == found
 

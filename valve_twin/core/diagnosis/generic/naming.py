@@ -104,13 +104,23 @@ def _named(
     """Return a fault by what explains (K,) more since it began; features before and with it."""
     best = int(np.argmax(more))
     now = more[NAMED.index(finding.fault)] if finding.fault in NAMED else 0.0
-    if finding.fault in _KEPT or not more[best] > max(_LEAST, _BETTER * now):
+    if finding.fault in _KEPT:
         return finding
+    if not more[best] > max(_LEAST, _BETTER * now):
+        return _beside(finding, more) if now > _LEAST else finding
     name, near = NAMED[best], more > _NEAR * more[best]
     rivals = tuple(n for k, n in enumerate(NAMED) if near[k] and k != best)
     change = _mean(with_it) - _mean(before)
     part, size = BY_NAME[name].part, _size(name, change, table)
     return replace(finding, fault=name, rivals=rivals, part=part, severity=size)
+
+
+def _beside(finding: Finding, more: FloatArray) -> Finding:
+    """Return a fault with those beside it that explain (K,) nearly as much or more."""
+    least = _NEAR * more[NAMED.index(finding.fault)]
+    others = (NAMED[k] for k in np.argsort(-more) if more[k] > least)
+    rivals = dict.fromkeys((*finding.rivals, *(n for n in others if n != finding.fault)))
+    return replace(finding, rivals=tuple(rivals))
 
 
 def _more(before: FloatArray, with_it: FloatArray) -> FloatArray:
