@@ -187,3 +187,13 @@ def test_a_start_that_a_mistake_keeps_back_is_not_tried_again_and_told_whenever_
     assert node.tries == 1
     node.trigger_configure()
     assert capfd.readouterr().err.count("cannot configure: /data/bag: cannot be written") == 2
+
+
+def test_a_node_that_a_user_configures_meanwhile_is_left_to_him(graph, tmp_path, monkeypatch):
+    monkeypatch.setattr(runtime, "RETRY_S", 0.2)
+    cause = OSError(errno.ENOSPC, "No space left")
+    node = graph.host(partial(Waiting, 1, cause), bag=str(tmp_path / "bag"))
+    node.trigger_configure()
+    node.trigger_cleanup()
+    graph.spin(0.5)
+    assert (node.state, node.tries) == ("unconfigured", 2)

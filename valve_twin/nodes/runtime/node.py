@@ -123,6 +123,7 @@ class ValveNode(LifecycleNode):
         done = self._guarded(self.configure, "configure")
         if done:
             self._refusal = None
+            self._end_retry()
         else:
             self._guarded(self.cleanup, "clean up")
         return _SUCCESS if done else _FAILURE
@@ -182,9 +183,15 @@ class ValveNode(LifecycleNode):
             self._retry = self.create_timer(self._pause_s, self._begin_again, clock=STEADY)
             self._pause_s = min(2.0 * self._pause_s, LAST_RETRY_S)
 
+    def _end_retry(self) -> None:
+        """Leave the node to whoever configured it."""
+        if self._retry is not None:
+            self.destroy_timer(self._retry)
+        self._retry = None
+
     def _begin_again(self) -> None:
-        self.destroy_timer(self._retry)
-        if self.state != "unconfigured":  # somebody was faster
+        self._end_retry()
+        if self.state != "unconfigured":  # as where it was shut down
             return
         self._refusal_told = str(self._refusal)
         self._begin()
