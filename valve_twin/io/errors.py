@@ -16,10 +16,12 @@ import errno
 
 _OF_DISKS = {
     *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.ENODEV, errno.ENXIO),
-    getattr(errno, "ESTALE", errno.EIO),
+    *(errno.ENOENT, errno.EACCES, errno.ENOTCONN, errno.ETIMEDOUT),
+    *(getattr(errno, name, errno.EIO) for name in ("EHOSTDOWN", "ESTALE")),
 }
 _SAID_OF_DISKS = ("disk is full", "readonly database", "unable to open", "disk i/o error")
-"""What the system and SQLite say of a disk that is full, read-only, broken or not there."""
+"""What the system and SQLite say of a disk that is full, read-only, broken or not there: a folder
+that nothing is mounted on has no such file, or belongs to root."""
 
 
 class ValveTwinError(Exception):

@@ -189,6 +189,20 @@ def test_a_start_that_a_mistake_keeps_back_is_not_tried_again_and_told_whenever_
     assert capfd.readouterr().err.count("cannot configure: /data/bag: cannot be written") == 2
 
 
+def test_a_player_whose_disk_is_not_there_yet_says_so_in_one_line_and_plays_once_it_is(
+    graph, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.setattr(runtime, "RETRY_S", 0.05)
+    bag = tmp_path / "disk/bag"
+    node = graph.host(BagPlayerNode, bag=str(bag))
+    with BagWriter(bag) as writer:
+        write_sample(writer, "/press/v1/spool_position", 10**9, 0.5)
+    graph.spin_until(lambda: node.state == "active", what="a start")
+    told = capfd.readouterr().err
+    assert told.count(f"cannot configure: {bag}: there is no such file; give a bag folder") == 1
+    assert "Traceback" not in told
+
+
 def test_a_node_that_a_user_configures_meanwhile_is_left_to_him(graph, tmp_path, monkeypatch):
     monkeypatch.setattr(runtime, "RETRY_S", 0.2)
     cause = OSError(errno.ENOSPC, "No space left")

@@ -81,6 +81,24 @@ class MappedFile:
         return BagError(msg)
 
 
+def unreadable(path: str | Path, err: OSError) -> BagError:
+    """Return the error that tells what the system said of a file that is to be read.
+
+    Parameters
+    ----------
+    path : path
+        The file, as far as the system does not name it.
+    err : OSError
+        What it said.
+    """
+    path = err.filename or path
+    if isinstance(err, FileNotFoundError):
+        msg = f"{path}: there is no such file; give a bag folder, a metadata.yaml or an .mcap file"
+        return BagError(msg)
+    msg = f"{path}: cannot be read ({err.strerror}); check the path and its permissions"
+    return BagError(msg)
+
+
 def _open(path: Path) -> tuple[mmap.mmap, os.stat_result]:
     try:
         with path.open("rb") as stream:
@@ -90,12 +108,8 @@ def _open(path: Path) -> tuple[mmap.mmap, os.stat_result]:
                 raise BagError(msg)
             status = os.fstat(stream.fileno())
             data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-    except FileNotFoundError:
-        msg = f"{path}: there is no such file; give a bag folder, a metadata.yaml or an .mcap file"
-        raise BagError(msg) from None
     except OSError as err:
-        msg = f"{path}: cannot be read ({err.strerror}); check the path and its permissions"
-        raise BagError(msg) from err
+        raise unreadable(path, err) from err
     problem = _foreign(head, data)
     if problem:
         data.close()

@@ -19,6 +19,7 @@ from valve_twin.io.bags.folder import bag_files
 from valve_twin.io.bags.qos import QosProfile, read_offer
 from valve_twin.io.cdr.message_types import known_type_name
 from valve_twin.io.errors import BagError
+from valve_twin.io.mcap.mapped import unreadable
 from valve_twin.io.mcap.reader import messages
 from valve_twin.io.playback.choice import Choice
 from valve_twin.io.playback.types import BagType, problem
@@ -120,7 +121,11 @@ def compare_small(path: str | Path) -> None:
     BagError
         If the bag cannot be read.
     """
-    if sum(file.stat().st_size for file in bag_files(path)[0]) <= COMPARED_B:
+    try:
+        size = sum(file.stat().st_size for file in bag_files(path)[0])
+    except OSError as err:
+        raise unreadable(path, err) from err
+    if size <= COMPARED_B:
         compare_with_data(path)
 
 
