@@ -183,6 +183,37 @@ def test_marks_that_cannot_be_written_are_told_at_the_start(tmp_path, past):
         Backlog(tmp_path / "file" / "state", past.read, "a broker")
 
 
+@pytest.mark.parametrize("births", [0, 1])
+def test_a_disk_that_never_took_a_mark_loses_no_cycle(tmp_path, past, monkeypatch, births, caplog):
+    """What was stored before the next start counted as told, and births repeated their number."""
+    backlog = Backlog(tmp_path / "state", past.read, "a broker")
+    told = [backlog.next_birth() for _ in range(births)]
+
+    def refuse(path: Path, _: str) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    refused = pytest.raises(StoreError, match="cannot be written: No space left on device: no bro")
+    with monkeypatch.context() as harm:
+        harm.setattr(backlog_module, "write_whole", refuse)
+        if births:
+            with refused:
+                list(backlog.take(past.view()))
+        with refused:
+            backlog.next_birth()
+        backlog.save()  # of a farewell: has been said
+    past.last.update(a=6, b=5)
+    told.append(backlog.next_birth())
+    first = 4 if births else 7  # from the first look on
+    assert [e.cycle for v, e, _ in backlog.take(past.view()) if v == "a"] == [*range(first, 7)]
+    backlog.close()
+    again = Backlog(tmp_path / "state", past.read, "a broker")
+    told.append(again.next_birth())
+    assert len(set(told)) == len(told)
+    assert [e.cycle for v, e, _ in again.take(past.view()) if v == "a"] == [*range(first, 7)]
+    again.close()
+    assert not caplog.records
+
+
 def test_a_disk_that_takes_no_marks_any_more_keeps_no_cycle_from_the_broker(
     tmp_path, past, monkeypatch, caplog
 ):

@@ -74,9 +74,18 @@ class Backlog:
         self._held.close()
 
     def next_birth(self) -> int:
-        """Return the number of the next birth; never that of the one before, restarts included."""
+        """Return the number of the next birth; never that of the one before, restarts included.
+
+        (Unless the disk took the marks once and does not any more.)
+
+        Raises
+        ------
+        StoreError
+            If the file is new and cannot be written.
+        """
         number = self._birth
         self._birth = (number + 1) % BIRTHS
+        self._begin()
         self.save()
         return number
 
@@ -91,11 +100,17 @@ class Backlog:
         ----------
         view : View
             What the history holds; of one that cannot be read, or was not yet, nothing is taken.
+
+        Raises
+        ------
+        StoreError
+            If the file is new and cannot be written.
         """
         if view.failure or not view.whole or view is self._all_of:
             return
         if self._marks is None:
             self._marks = {row.valve: row.cycle for row in view.rows}
+            self._begin()
         marks, whole = self._marks, True
         for row in view.rows:
             if row.cycle < marks.get(row.valve, 0):  # another history
@@ -148,16 +163,13 @@ class Backlog:
 
         The broker is told all the same: who begins anew meanwhile tells it some cycles twice.
         """
-        marks = None if self._marks is None else dict(self._marks)
-        now = {"of": self._of, "birth": self._birth, "valves": marks}
-        if now == self._saved:
+        if self._now() == self._saved:
             return
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(self._path, json.dumps(now, indent=1))
+            self._write()
         except OSError as err:
             why = err.strerror or str(err)
-            if why != self._unkept:
+            if why != self._unkept and self._saved["valves"] is not None:
                 _LOGGER.warning(
                     "%s: cannot be written: %s: after a restart the broker is told again what it "
                     "has: make room, or give this user the right to write there", self._path, why
@@ -166,7 +178,30 @@ class Backlog:
             return
         if self._unkept:
             _LOGGER.warning("%s: is written again", self._path)
-        self._saved, self._unkept = now, ""
+        self._unkept = ""
+
+    def _begin(self) -> None:
+        """Keep the first marks: without, a restart takes what was stored meanwhile for told."""
+        if self._saved["valves"] is not None:
+            return
+        try:
+            self._write()
+        except OSError as err:
+            msg = (
+                f"{self._path}: cannot be written: {err.strerror or err}: no broker is told "
+                "before it can: make room, or give this user the right to write there"
+            )
+            raise StoreError(msg) from err
+
+    def _now(self) -> dict[str, Any]:
+        marks = None if self._marks is None else dict(self._marks)
+        return {"of": self._of, "birth": self._birth, "valves": marks}
+
+    def _write(self) -> None:
+        now = self._now()
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(self._path, json.dumps(now, indent=1))
+        self._saved = now
 
 
 def _held(path: Path) -> TextIO:
