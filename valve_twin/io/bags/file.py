@@ -46,6 +46,7 @@ class _Stream:
     def __init__(self, path: Path) -> None:
         self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _PLAIN, _MODE)
         self.size = 0
+        self.status: os.stat_result | None = None
 
     def write(self, data: bytes) -> int:
         view = memoryview(data)
@@ -67,6 +68,8 @@ class _Stream:
     def close(self) -> None:
         number, self._number = self._number, -1
         if number >= 0:
+            with suppress(OSError):
+                self.status = os.fstat(number)
             os.close(number)
 
 
@@ -220,9 +223,16 @@ class BagFile:
         self._stream.close()
 
     def remove(self) -> None:
-        """Close and delete it."""
+        """Close and delete it, not another one that has its name now."""
+        is_there = self.gone() in {None, Gone.CUT}
         self.abandon()
-        self.path.unlink(missing_ok=True)
+        if is_there:
+            self.path.unlink(missing_ok=True)
+
+    @property
+    def status(self) -> os.stat_result | None:
+        """What the system said of it when it was closed; None where nothing."""
+        return self._stream.status
 
     @property
     def size(self) -> int:

@@ -13,7 +13,7 @@ from valve_twin.io.bags.metadata import FILE_NAME
 from valve_twin.io.errors import BagError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable
     from pathlib import Path
 
 _REMEDIES = {
@@ -77,9 +77,28 @@ def what_became(path: Path, number: int, size: int) -> Gone | None:
         return Gone.MOVED
     except OSError:  # nobody can tell
         return None
-    # some network file systems number a file anew
-    looks_so = named.st_size == status.st_size and named.st_mtime_ns == status.st_mtime_ns
-    return None if looks_so or os.path.samestat(named, status) else Gone.MOVED
+    return None if _alike(named, status) or os.path.samestat(named, status) else Gone.MOVED
+
+
+def _alike(one: os.stat_result, other: os.stat_result) -> bool:
+    """Return whether two may be one: some network file systems number a file anew."""
+    return one.st_size == other.st_size and one.st_mtime_ns == other.st_mtime_ns
+
+
+def stands(path: Path, status: os.stat_result | None) -> bool:
+    """Return whether a name leads to a file that was closed so; its number may be used anew.
+
+    Parameters
+    ----------
+    path : Path
+        Its name.
+    status : os.stat_result, optional
+        What the system said of it when it was closed; None = nothing.
+    """
+    try:
+        return status is not None and _alike(os.stat(path), status)
+    except OSError:
+        return False
 
 
 class OwnFolder:
@@ -114,13 +133,13 @@ class OwnFolder:
         except OSError:
             return False
 
-    def adopt(self, known: Collection[str]) -> None:
+    def adopt(self, is_known: Callable[[Path], bool]) -> None:
         """Make it where it is gone; take another for it that holds nothing else, as a disk's.
 
         Parameters
         ----------
-        known : collection of str
-            Names of the files of the bag.
+        is_known : callable
+            Gets the path of a file; returns whether it is one of the bag, not only named so.
 
         Raises
         ------
@@ -132,8 +151,8 @@ class OwnFolder:
         self.path.mkdir(parents=True, exist_ok=True)
         if self.is_own():
             return
-        found = {p.name for p in self.path.glob("*.mcap")}
-        if found - set(known) or (not found and (self.path / FILE_NAME).exists()):
+        found = list(self.path.glob("*.mcap"))
+        if not all(map(is_known, found)) or (not found and (self.path / FILE_NAME).exists()):
             msg = f"{self.path}: another bag took its place"
             raise TakenFolderError(msg)
         self._status = os.stat(self.path)

@@ -11,7 +11,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from valve_twin.io.bags.file import BagFile
-from valve_twin.io.bags.gone import Gone, GoneError, LostFileError, OwnFolder, full, unwritable
+from valve_twin.io.bags.gone import (
+    Gone,
+    GoneError,
+    LostFileError,
+    OwnFolder,
+    full,
+    stands,
+    unwritable,
+)
 from valve_twin.io.bags.metadata import FILE_NAME, FileEntry, metadata_map, metadata_text
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.writer import CHUNK_SIZE
@@ -100,6 +108,8 @@ class _Closed:
     entry: FileEntry
     counts: dict[str, int]
     size: int
+    status: os.stat_result | None = None
+    """What the system said of it when it was closed; None where it is not closed yet."""
 
 
 def _unlink(path: Path) -> int:
@@ -222,11 +232,11 @@ class RollingFiles:
         BagError
             If the disk does not take it.
         """
-        self._done = [d for d in self._done if d.path.exists()]
-        self._keep(self._rule.keep - 1)  # before: who is killed in between leaves no more
         file, made = None, self._storage
         try:
-            self._folder.adopt({d.path.name for d in self._done})
+            self._folder.adopt(self._is_known)
+            self._done = [d for d in self._done if d.path.exists()]
+            self._keep(self._rule.keep - 1)  # before: who is killed in between leaves no more
             file = BagFile(
                 self._path(self._next),
                 sync=made.sync,
@@ -236,7 +246,8 @@ class RollingFiles:
             sync_folder(self.path, os.fsync if made.sync_now is None else made.sync)
         except OSError as err:
             if file is not None:
-                file.remove()
+                with suppress(OSError):
+                    file.remove()
             raise unwritable(self.path, err) from err
         self._next += 1
         for topic in list(self._topics.values()):
@@ -292,7 +303,7 @@ class RollingFiles:
             self._lose(file)
             self._unfinished.append(file)
             if file.gone() is None:
-                self._done.append(_Closed(file.path, file.entry(), file.counts(), file.size))
+                self._list(file, file.entry(), file.counts())
         with suppress(OSError):
             self._write_metadata()
 
@@ -300,7 +311,7 @@ class RollingFiles:
         """Delete the oldest file that is closed; return its size, 0 where there is none [B]."""
         if self._earlier:
             return max(self._delete_earlier(self._earlier.pop(0)), 1)
-        if not self._done:
+        if not self._done or not self._folder.is_own():
             return 0
         oldest = self._done.pop(0)
         for file in [f for f in self._unfinished if f.path == oldest.path]:
@@ -363,6 +374,19 @@ class RollingFiles:
             while len(self._earlier) + len(self._done) > files and self.drop_oldest():
                 pass
 
+    def _is_known(self, path: Path) -> bool:
+        """Return whether a file is one of this bag, not one of another bag by the same name."""
+        for file in self._unfinished:
+            if file.path == path:
+                return file.gone() is None
+        return any(d.path == path and stands(path, d.status) for d in self._done)
+
+    def _list(self, file: BagFile, entry: FileEntry, counts: dict[str, int]) -> None:
+        """List a file that is not written to any more; one that is listed keeps its place."""
+        names = [d.path for d in self._done]
+        at = names.index(file.path) if file.path in names else len(names)
+        self._done[at : at + 1] = [_Closed(file.path, entry, counts, file.size, file.status)]
+
     def _finish(self, file: BagFile, notes: Mapping[str, Mapping[str, str]] | None = None) -> None:
         """Finish a file and list it; the metadata in it are its own.
 
@@ -374,8 +398,8 @@ class RollingFiles:
             self._events.on_gone(f"{file.path}: {gone.told(file.message_count)}")
         if gone is Gone.CUT:
             self._topics.uncount(file.counts())
-            self._done.append(_Closed(file.path, file.entry(), file.counts(), file.size))
             file.abandon()
+            self._list(file, file.entry(), file.counts())
             return
         self.note(self._events.noted())
         file.mcap.end_chunk()
@@ -388,8 +412,8 @@ class RollingFiles:
         file.finish({**records, **(notes or {})})
         if gone is Gone.DELETED:
             self._topics.uncount(counts)
-        elif gone is None and file not in self._unfinished:
-            self._done.append(_Closed(file.path, entry, counts, file.size))
+        elif gone is None and file.path.parent == self.path:
+            self._list(file, entry, counts)
 
     def _retry_unfinished(self) -> None:
         for file in list(self._unfinished):
