@@ -156,10 +156,15 @@ def test_a_folder_that_cannot_be_made_at_the_start_keeps_nobody_from_starting(
     folder.write_text("in the way of a folder")
     node, valve = start(graph, folder)
     assert said(valve.assessment) == expected(twin)
+    node.trigger_deactivate()
+    graph.spin(0.3)  # it tries to write what is known
+    node.trigger_activate()
+    graph.spin_until(lambda: valve._caught_up, what="the newest")
     told = capfd.readouterr().err
     assert (
         told.count(f"state_folder {folder}: File exists: nothing is kept for the next start") == 1
     )
+    assert told.count("[WARN]") == 1
     folder.unlink()
     node.trigger_deactivate()
     graph.spin_until(lambda: "what is known is kept again" in capfd.readouterr().err, what="it")

@@ -151,13 +151,15 @@ def test_a_line_of_log_tells_its_place_and_reads_no_source(graph, monkeypatch):
 class Waiting(BagRecorderNode):
     """A recorder that a disk, or a user's mistake, keeps from starting so many times."""
 
-    def __init__(self, left: int, cause: Exception | None, **kwargs) -> None:
-        self.left, self.cause, self.tries = left, cause, 0
+    def __init__(self, left: int, cause: Exception | None, *, bare=False, **kwargs) -> None:
+        self.left, self.cause, self.tries, self.bare = left, cause, 0, bare
         super().__init__(**kwargs)
 
     def configure(self) -> None:
         self.tries += 1
         if self.tries <= self.left:
+            if self.bare and self.cause is not None:
+                raise self.cause
             msg = "/data/bag: cannot be written"
             raise BagError(msg) from self.cause
         super().configure()
@@ -176,6 +178,16 @@ def test_a_start_that_a_disk_keeps_back_is_tried_again_and_told_once(
     assert told.count("cannot configure: /data/bag: cannot be written") == 1
     assert told.count("is configured: what kept it from that is over") == 1
     assert node.tries == 4
+
+
+def test_an_error_of_the_system_that_nobody_put_into_words_is_told_once_too(
+    graph, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.setattr(runtime, "RETRY_S", 0.05)
+    cause = OSError(errno.EIO, "Input/output error")
+    node = graph.host(partial(Waiting, 3, cause, bare=True), bag=str(tmp_path / "bag"))
+    graph.spin_until(lambda: node.state == "active", what="a start")
+    assert capfd.readouterr().err.count("cannot configure: OSError") == 1
 
 
 def test_a_start_that_a_mistake_keeps_back_is_not_tried_again_and_told_whenever_it_is_asked_for(

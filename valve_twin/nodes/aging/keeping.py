@@ -78,7 +78,7 @@ class Keeper:
         """
         if self.trouble:
             tell(self.trouble)
-        if self._path is None:
+        if self.trouble or self._path is None:
             return None
         try:
             known = load(self._path, self._origin(), self._config.aging)

@@ -273,7 +273,7 @@ class MonitoredValve:
 
     def _on_kept(self, outcome: Outcome) -> None:
         self._keeper.done(failed=bool(outcome.error))
-        if outcome.error and outcome.error != self._unkept:
+        if outcome.error and not self._unkept:
             self._node.get_logger().warning(f"{self.name}: {outcome.error}")
         if self._unkept and not outcome.error:
             self._node.get_logger().info(f"{self.name}: what is known is kept again")

@@ -86,7 +86,7 @@ class ValveNode(LifecycleNode):
         self.recess: Future | None = None
         self._refusal: Exception | None = None
         self._retry: Any = None
-        self._refusal_told, self._pause_s = "", RETRY_S
+        self._refusal_told, self._pause_s = ("", ""), RETRY_S
         self._inbox: deque[Callable[[], None]] = deque()
         compat.answer_refused_transitions(self, self._tell_refused)
         compat.answer_unknown_types(self, self._tell_unknown_type)
@@ -193,9 +193,9 @@ class ValveNode(LifecycleNode):
         self._end_retry()
         if self.state != "unconfigured":  # as where it was shut down
             return
-        self._refusal_told = str(self._refusal)
+        self._refusal_told = type(self._refusal).__name__, str(self._refusal)
         self._begin()
-        self._refusal_told = ""
+        self._refusal_told = "", ""
 
     def stop(self) -> None:
         """End in good order, whatever the state, also in the middle of a configuration."""
@@ -250,7 +250,7 @@ class ValveNode(LifecycleNode):
             said = str(err)
             if not isinstance(err, ValveTwinError):
                 said = f"{type(err).__name__}: {err}\n{traceback.format_exc()}"
-            if what != "configure" or said != self._refusal_told:
+            if what != "configure" or (type(err).__name__, str(err)) != self._refusal_told:
                 self.get_logger().error(f"cannot {what}: {said}")
             if what == "configure":
                 self._refusal = err
