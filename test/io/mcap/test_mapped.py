@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -116,6 +117,29 @@ def test_a_reel_that_cannot_go_elsewhere_stays_where_it_is(tmp_path):
     shutil.rmtree(bag)
     with pytest.raises(BagError, match="there is no such file"):
         reel.go(Stretch(S, whole.end_ns))
+    while reel.next is not None:
+        taken.append(reel.take())
+    assert [m.log_ns for m in taken if m] == [i * S // 10 for i in range(LONG)]
+
+
+@pytest.mark.parametrize("how", ["file", "folder"])
+def test_a_reel_plays_no_bag_that_took_the_place_of_its_own(tmp_path, how):
+    """A `seek`, `play` or `loop` went on in the other one, or ended, in silence."""
+    bag, other = make(tmp_path / "bag"), make(tmp_path / "other", 1000.0)
+    whole = Stretch(0, (LONG - 1) * S // 10)
+    (topic,) = bag_topics(bag)
+    latched = replace(topic, qos=replace(topic.qos, durability="transient_local"))
+    reel = Reel(bag, [latched], whole, whole)
+    taken = [reel.take()]
+    if how == "file":
+        os.replace(the_file(other), the_file(bag))
+    else:
+        bag.rename(tmp_path / "moved")
+        other.rename(bag)  # whose files have another name
+    with pytest.raises(BagError, match=f"{bag}: {CHANGED}"):
+        reel.go(Stretch(S, whole.end_ns))
+    with pytest.raises(BagError, match=f"{bag}: {CHANGED}"):
+        reel.state_before(S)
     while reel.next is not None:
         taken.append(reel.take())
     assert [m.log_ns for m in taken if m] == [i * S // 10 for i in range(LONG)]

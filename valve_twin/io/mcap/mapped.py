@@ -54,7 +54,7 @@ class MappedFile:
             If it was cut since it was opened.
         """
         if self.data.size() < len(self.data):
-            raise self._changed()
+            raise changed(self._path)
 
     def check_same(self) -> None:
         """Refuse a file that is another one now, or no more there; one that only grew is the same.
@@ -69,16 +69,23 @@ class MappedFile:
             is_own = os.path.samestat(self._status, os.stat(self._path))
             if is_own and self._read_ends() == self._ends:
                 return
-        raise self._changed()
+        raise changed(self._path)
 
     def _read_ends(self) -> tuple[int, int]:
         return crc32(self.data[:_KNOWN_BY]), crc32(self.data[-_KNOWN_BY:])
 
-    def _changed(self) -> BagError:
-        msg = (
-            f"{self._path}: was cut, changed, replaced or deleted while it was read; read it anew"
-        )
-        return BagError(msg)
+
+def changed(path: str | Path) -> BagError:
+    """Return the error that tells of a file, or bag, that is another one than was opened.
+
+    Parameters
+    ----------
+    path : path
+        Its name.
+    """
+    return BagError(
+        f"{path}: was cut, changed, replaced or deleted while it was read; read it anew"
+    )
 
 
 def unreadable(path: str | Path, err: OSError) -> BagError:

@@ -6,7 +6,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from valve_twin.io.bags.folder import find_files
 from valve_twin.io.errors import BagError, IndexLiesError
+from valve_twin.io.mcap.mapped import changed, unreadable
 from valve_twin.io.playback.player import BagMessage, BagTopic, latched_before, read_messages
 
 if TYPE_CHECKING:
@@ -55,6 +57,7 @@ class Reel:
         self._behind: BagMessage | None = None
         self._read, self._newest_ns = 0, -1
         self.part = part
+        self._files = self._found()
         self._messages = self._open()
         self.next = self._note(next(self._messages, None))
 
@@ -74,6 +77,7 @@ class Reel:
 
     def _open(self) -> Generator[BagMessage, None, None]:
         """Read the part; a bag that states wrong times may begin earlier and end later."""
+        self._check_same()
         part, whole = self.part, self._whole
         return read_messages(
             self._path,
@@ -81,6 +85,22 @@ class Reel:
             from_ns=part.begin_ns if part.begin_ns > whole.begin_ns else 0,
             until_ns=part.end_ns if part.end_ns < whole.end_ns else None,
         )
+
+    def _found(self) -> dict[Path, tuple[int, int]]:
+        """Return by what the files of the bag are known to the system."""
+        try:
+            found = {file: file.stat() for file in find_files(self._path).files}
+        except OSError as err:
+            raise unreadable(self._path, err) from err
+        return {file: (status.st_dev, status.st_ino) for file, status in found.items()}
+
+    def _check_same(self) -> None:
+        """Refuse a bag that took the place of ours; files may have come and gone, as recorded."""
+        now, before = self._found(), self._files
+        if before.keys().isdisjoint(now) or any(
+            now.get(f, own) != own for f, own in before.items()
+        ):
+            raise changed(self._path)
 
     def _note(self, message: BagMessage | None) -> BagMessage | None:
         if message is not None:
@@ -134,6 +154,7 @@ class Reel:
         """Return the latched messages that were in force just before a log time [ns]."""
         if not self._latched:
             return []
+        self._check_same()
         try:
             return latched_before(self._path, self._latched, at_ns)
         except IndexLiesError:
