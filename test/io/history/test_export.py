@@ -76,6 +76,20 @@ def test_an_export_is_there_as_a_whole_or_as_it_was_before(history, tmp_path, mo
     assert (folder / "cycles.csv").read_bytes() != names["cycles.csv"]
 
 
+def test_an_export_replaces_nothing_where_a_file_cannot_be_put(history, tmp_path):
+    """The files before it were of now, those behind of the time before."""
+    folder = tmp_path / "csv"
+    names = {p.name: p.read_bytes() for p in history.export(folder)}
+    history.store("/v", record(2))
+    (folder / "history.jsonl").unlink()
+    (folder / "history.jsonl").mkdir()
+    with pytest.raises(StoreError, match=r"csv: cannot be written: history.jsonl is a folder"):
+        history.export(folder)
+    left = {p.name: p.read_bytes() for p in folder.glob("*.csv")}
+    assert left == {name: data for name, data in names.items() if name in left}
+    assert not list(folder.glob(".*"))
+
+
 def test_a_link_is_not_followed(history, tmp_path):
     (tmp_path / "backups").mkdir()
     elsewhere = tmp_path / "elsewhere.sqlite"

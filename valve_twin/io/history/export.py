@@ -8,6 +8,7 @@ Files appear complete or not at all: they are written beside their place and ren
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import math
 import os
@@ -41,6 +42,7 @@ from valve_twin.io.history.tables import (
 )
 from valve_twin.io.history.valves.names import sound_names
 from valve_twin.io.limits import no_formula
+from valve_twin.io.whole import sync_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -197,8 +199,13 @@ def export_files(database: Database, folder: Path) -> list[Path]:
             for name, write in writers.items():
                 write(connection, parts[name])
                 _sync(parts[name])
-            for name, part in parts.items():  # none of them stands beside one of another time
+            for name in writers:
+                if (folder / name).is_dir():
+                    raise IsADirectoryError(errno.EISDIR, f"{name} is a folder")
+            for name, part in parts.items():  # nothing is replaced before all is written
                 os.replace(part, folder / name)
+            with suppress(OSError):  # some network file systems keep their names in their own way
+                sync_folder(folder)
         finally:
             for part in parts.values():
                 with suppress(OSError):
