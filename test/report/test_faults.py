@@ -8,6 +8,7 @@ import pytest
 
 from test.core.diagnosis.test_detection import healthy, medium, search, with_fault
 from test.report.example import report_data
+from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.operation.counters import Counters
 from valve_twin.core.operation.events import Event
 from valve_twin.core.operation.step_metrics import METRICS, Metric, StepMetrics
@@ -45,6 +46,21 @@ def test_an_end_that_nothing_tells_is_not_dated(told):
     section = render_report(page(unseen)).split("<h2>Sudden faults</h2>")[1].split("</section>")[0]
     assert "<td>not known</td>" in section
     assert "<td>66</td>" not in section
+
+
+def test_the_table_says_no_more_than_the_verdict(told):
+    """Clocks are no part of a valve; whether a fault lasts that the verdict leaves open is too."""
+    (leak,) = told["leak"].findings
+    clock = replace(leak, fault="clock", part="sensor")
+    data = page(replace(told["leak"], findings=(leak, clock)))
+    html = render_report(data)
+    assert "<td>sensor</td>" not in html
+    assert html.count("<td>lasts</td>") == 2
+    unusable = replace(data.assessment.verdict, kind=VerdictKind.RECORDING_UNUSABLE, fault="")
+    left_open = replace(data, assessment=replace(data.assessment, verdict=unusable))
+    html = render_report(left_open)
+    assert "<td>lasts</td>" not in html
+    assert html.count("<td>not known</td>") == 2
 
 
 def test_no_fault_is_said(told):

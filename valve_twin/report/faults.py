@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from valve_twin.core.diagnosis.changes.finding import UNKNOWN
+from valve_twin.core.aging.verdict import VerdictKind
+from valve_twin.core.diagnosis.changes.finding import CLOCK, UNKNOWN
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.core.operation.step_metrics import METRICS
 from valve_twin.report.tables import MAX_ROWS, Table
@@ -69,10 +70,12 @@ def faults_table(assessment: Assessment | None) -> Table | None:
     if assessment is None or not (assessment.diagnosis.ready or assessment.diagnosis.findings):
         return None
     head = ["Fault", "Part", "Size", "Since cycle", "Alarm at cycle", "Over at cycle", "Or"]
-    return Table(head, [_row(f) for f in assessment.diagnosis.findings])
+    verdict = assessment.verdict
+    left_open = verdict.kind is VerdictKind.RECORDING_UNUSABLE and not verdict.fault
+    return Table(head, [_row(f, left_open) for f in assessment.diagnosis.findings])
 
 
-def _row(finding: Finding) -> list[str]:
+def _row(finding: Finding, left_open: bool) -> list[str]:
     if finding.fault == UNKNOWN:
         name, size = "like no known fault", NONE
     else:
@@ -83,18 +86,18 @@ def _row(finding: Finding) -> list[str]:
     others = Markup("<br>").join(BY_NAME[r].text for r in finding.rivals)
     return [
         name,
-        finding.part,
+        finding.part if finding.fault != CLOCK else NONE,
         size,
         str(finding.onset),
         str(finding.alarm),
-        _end(finding),
+        _end(finding, left_open),
         others or NONE,
     ]
 
 
-def _end(finding: Finding) -> str:
+def _end(finding: Finding, left_open: bool) -> str:
     """Return the cycle in which a fault was seen to be over, or why there is none."""
-    if not finding.end_seen:
+    if not finding.end_seen or (left_open and finding.end < 0):
         return "not known"
     return str(finding.end) if finding.end >= 0 else "lasts"
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from valve_twin.core.aging import AgingConfig, Threshold, TrendStatus, VerdictKind, assess
+from valve_twin.core.aging.assess import Assessment
 from valve_twin.core.aging.verdict import Outlook, concern, decide, describe_limit, outlook
-from valve_twin.core.diagnosis.changes.finding import Finding
+from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding
 from valve_twin.core.diagnosis.refused import FRESH, Stale
 from valve_twin.core.faults.advice import NONE, NOW, advise
 from valve_twin.core.faults.ne107 import Ne107
@@ -196,3 +197,18 @@ def test_a_fault_of_before_is_no_verdict_where_the_signals_are_unusable_since():
     assert said_of(finding("sensor_offset", 32), stale).kind is VerdictKind.SENSOR
     quiet = replace(stale, unusable=False)
     assert said_of(finding("sensor_offset", 20), quiet).kind is VerdictKind.SENSOR
+
+
+def named_by(fault, stale=FRESH):
+    diagnosis = Diagnosis((fault,), 40, ready=True)
+    return Assessment((), said_of(fault, stale), (), diagnosis).named
+
+
+def test_a_fault_is_named_where_the_verdict_names_its_part():
+    stale = Stale("the newest 9 cycles gave no estimate: why", unusable=True, since=32)
+    offset = finding("sensor_offset", 20)
+    assert named_by(offset) is offset
+    assert named_by(offset, stale) is None
+    assert named_by(finding("clock", 20)) is None
+    worn = replace(said_of(None), kind=VerdictKind.VALVE, fault="K_in")
+    assert Assessment((), worn, (), Diagnosis((), 40, ready=True)).named is None

@@ -2,6 +2,9 @@
 # Copyright 2026 valve_twin maintainers
 """A sudden fault in the stored features: verdict, diagnostics, and what the twin keeps of it."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -10,8 +13,13 @@ from valve_twin_msgs.msg import Verdict
 
 from test.nodes.aging.test_node import aging_valve, record_of
 from test.nodes.conftest import NS
+from valve_twin.core.aging.assess import Assessment
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.aging.verdict import decide
+from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding
 from valve_twin.core.diagnosis.features import ESTIMATOR
-from valve_twin.core.diagnosis.table import with_floor
+from valve_twin.core.diagnosis.refused import FRESH, Stale
+from valve_twin.core.diagnosis.table import PARTS, with_floor
 from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
@@ -94,3 +102,21 @@ def test_a_sensor_fault_is_told_stored_and_in_the_diagnostics(graph, history):
     assert stored()[-1].evidence == verdicts[-1].evidence
     assert stored()[-1].fault == verdicts[-1].fault
     assert stored()[-1].cycle == CYCLES
+
+
+@pytest.mark.parametrize(
+    ("fault", "since", "raised"),
+    [("sensor_offset", 0, True), ("sensor_offset", 32, False), ("clock", 0, False)],
+)
+def test_diagnostics_raise_a_part_where_the_verdict_names_it(fault, since, raised):
+    found = Finding(fault, (), "sensor", 3e-4, 20.0, 1, 20)
+    stale = Stale("why", unusable=True, since=since) if since else FRESH
+    verdict = decide([], AgingConfig(), valve=NS, stamp_ns=0, cycle=40, fault=found, stale=stale)
+    assessment = Assessment((), verdict, (), Diagnosis((found,), 40, ready=True))
+    told = {}
+    faults = SimpleNamespace(look=lambda code, evidence, valve: told.update({code: evidence}))
+    valve: Any = SimpleNamespace(assessment=assessment, name=NS)
+    node: Any = SimpleNamespace(faults=faults)
+    AgingMonitorNode._look_at_faults(node, valve)
+    assert set(told) == {f"diagnosis.{part}" for part in PARTS}
+    assert [code for code, text in told.items() if text] == ["diagnosis.sensor"] * raised

@@ -77,6 +77,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.aging.laws.shapes import LawFit
     from valve_twin.core.aging.trend import Line
+    from valve_twin.core.diagnosis.changes.finding import Finding
     from valve_twin.core.past.columns import Past
     from valve_twin.core.types import BoolArray, Estimate, FloatArray, IntArray, Maintenance
 
@@ -138,6 +139,13 @@ class Assessment:
     verdict: Verdict
     details: tuple[TrendDetail, ...]
     diagnosis: Diagnosis = NOTHING
+
+    @property
+    def named(self) -> Finding | None:
+        """The sudden fault whose part the verdict names, None = it names none by a fault."""
+        present, verdict = self.diagnosis.present, self.verdict
+        told = present is not None and verdict.kind.names_part and verdict.fault == present.fault
+        return present if told else None
 
 
 def assess(

@@ -115,10 +115,9 @@ class AgingMonitorNode(ValveNode):
         return report
 
     def _look_at_faults(self, valve: MonitoredValve) -> None:
-        """Report the fault that lasts under the part that has it."""
+        """Report the fault that the verdict names under the part that has it."""
         found = valve.assessment
-        present = found.diagnosis.present if found is not None else None
+        named = found.named if found is not None else None
         for part in PARTS:
-            here = present is not None and present.part == part
-            evidence = describe_finding(present) if present is not None and here else ""
+            evidence = describe_finding(named) if named and named.part == part else ""
             self.faults.look(f"diagnosis.{part}", evidence, valve=valve.name)
