@@ -110,7 +110,7 @@ def _configure_files(arguments: argparse.Namespace) -> int:
         if clock.period_s or clock.scale:
             survey = look(paths, clock)
     survey, choice = choose(survey, position=arguments.position)
-    if not clock.resample_s and (step_s := even_step(survey)):
+    if not clock.resample_s and (step_s := even_step(survey, choice)):
         say(
             f"time: {100.0 * survey.jitter:.2g} % of the steps are off by a tenth, as where "
             f"values are stored when they change: one grid of {step_s:g} s is proposed, "

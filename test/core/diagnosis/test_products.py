@@ -101,6 +101,14 @@ def test_clocks_apart_are_found_though_the_delay_climbs_in_samples_and_stay_foun
     assert 15 <= len(found) - sum(found) + 8 <= 20  # 40 ms lie between these cycles
 
 
+def test_delays_that_warm_up_and_settle_are_clocks_apart_no_more(table):
+    for seed in range(20):
+        noise = 5e-4 * np.random.default_rng([8, seed]).standard_normal((2, 40))
+        warm = 0.02 * (1.0 - np.exp(-np.arange(40) / 6.0))
+        vectors = delays(table, warm + noise[0], warm + noise[1])
+        assert clocks_apart(CYCLES, START_S, vectors, table) is None
+
+
 def test_what_slides_between_clocks_apart_is_not_shown(table):
     shown = dict(zip(table.features, without_timed(np.zeros((2, 13)), table).T, strict=True))
     hidden = {name for name, values in shown.items() if np.isnan(values).all()}

@@ -11,6 +11,7 @@ from valve_twin.core.diagnosis.changes.finding import Finding
 from valve_twin.core.diagnosis.refused import (
     FRESH,
     LEAST_REFUSED,
+    featureless,
     refused_lately,
     still,
     with_still,
@@ -190,17 +191,30 @@ def test_a_fault_of_long_ago_is_told_beside_it():
 
 
 def features(cycle, status=EstimateStatus.REFUSED):
-    return replace(given(cycle, status=status), estimator="features", parameters=())
+    found = given(cycle, status=status)
+    return replace(found, estimator="features", parameters=(), used_by_trend=False)
 
 
 def test_cycles_without_features_are_not_ok():
     shown = [features(c, EstimateStatus.PARTIAL) for c in range(1, 21)]
     later = [given(c) for c in range(21, 21 + LEAST_REFUSED)]
     mute = [features(c) for c in range(21, 21 + LEAST_REFUSED)]
-    said = refused_lately([*USUAL, *shown, *later, *mute])
-    assert said.reason.startswith(f"the newest {LEAST_REFUSED} cycles show no features")
-    assert not said.unusable
-    assert verdict([*USUAL, *later, *mute]).kind is VerdictKind.NOT_ENOUGH_DATA
+    said = featureless([*USUAL, *shown, *later, *mute])
+    assert said.startswith(f"the newest {LEAST_REFUSED} cycles show no features")
+    told = verdict([*USUAL, *later, *mute])
+    assert told.kind is VerdictKind.NO_REFERENCE
     seen = features(later[0].cycle, EstimateStatus.PARTIAL)
-    assert refused_lately([*USUAL, *shown, *later, seen, *mute[1:]]) == FRESH
-    assert refused_lately([*USUAL, *shown, *later]) == FRESH  # they are not asked for any more
+    assert featureless([*USUAL, *shown, *later, seen, *mute[1:]]) == ""
+    assert featureless([*USUAL, *shown, *later]) == ""  # they are not asked for any more
+    beside = [refused(e.cycle, RefusalCode.MISFIT.value) for e in later[-2:]]
+    assert featureless([*USUAL, *shown, *later[:-2], *beside, *mute]) == said
+
+
+def test_wear_is_told_where_the_newest_cycles_show_no_features():
+    worn = [
+        replace(e, parameters=tuple(replace(p, value=p.value * share) for p in e.parameters))
+        for e in (given(c) for c in range(1, 81))
+        for share in [1.0 - 0.01 * max(e.cycle - 20, 0)]
+    ]
+    mute = [features(c) for c in range(76, 81)]
+    assert verdict([*worn, *mute]).kind is VerdictKind.VALVE

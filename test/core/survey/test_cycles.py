@@ -68,6 +68,14 @@ def test_a_command_both_ways_leaves_its_rest_in_every_cycle():
     assert float(plan.values["reference_level"]) == pytest.approx(0.42, abs=0.02)
 
 
+def test_a_pause_hides_no_rest_in_mid_range():
+    whole = program((0.0, 0.6, 0.6, 0.0, -0.4, -0.4)).values
+    u = np.concatenate((whole[:1200], np.full(600, whole[0]), whole[1200:]))
+    stamps = np.rint(np.arange(len(u)) * STEP_S * 1e9).astype(np.int64)
+    plan = plan_cycles([Signal("command", stamps, u)], STEP_S, has_counter=False)
+    assert (plan.rule, plan.count) == (CycleRule.REFERENCE, 40)
+
+
 def test_a_hold_in_mid_range_is_no_rest_where_the_command_leaves_its_lowest_level_as_evenly():
     levels = (0.0, 0.5, 0.5, 0.5, 1.0, 1.0)
     plan = plan_cycles([program(levels, wave=0.0)], STEP_S, has_counter=False)

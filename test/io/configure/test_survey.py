@@ -193,12 +193,21 @@ def test_the_cylinder_is_found_among_sixteen_nameless_channels(shared):
 def test_reports_of_changes_want_one_grid_and_even_samples_do_not(tmp_path):
     command = steps()
     columns = {"set point [mm]": command, "spool travel [mm]": slew_valve(command)}
-    timed, _ = chosen(survey(tmp_path / "a.csv", columns))
-    assert even_step(timed) == 0.0
+    assert even_step(*chosen(survey(tmp_path / "a.csv", columns))) == 0.0
+
+    def stored(name, steps_s):
+        times = np.cumsum(steps_s)
+        lines = [
+            f"{t:.4f},{u:.4f},{y:.4f}" for t, u, y in zip(times, *columns.values(), strict=True)
+        ]
+        heads = "t_s,set point [mm],spool travel [mm]"
+        (tmp_path / name).write_text("\n".join([heads, *lines]), encoding="utf-8")
+        return chosen(look([tmp_path / name], ClockChoice()))
+
     rng = np.random.default_rng(6)
-    times = np.cumsum(rng.choice([1.0, 3.0, 8.0, 30.0], N))
-    lines = [f"{t:.0f},{u:.4f},{y:.4f}" for t, u, y in zip(times, *columns.values(), strict=True)]
-    path = tmp_path / "b.csv"
-    path.write_text("\n".join(["t_s,set point [mm],spool travel [mm]", *lines]), encoding="utf-8")
-    timed, _ = chosen(look([path], ClockChoice()))
-    assert even_step(timed) == 1.0
+    assert even_step(*stored("b.csv", rng.choice([1.0, 3.0, 8.0, 30.0], N))) == 1.0
+    assert even_step(*stored("jitter.csv", rng.uniform(0.7, 1.3, N))) == 0.0
+    bursts = np.where(rng.random(N) < 0.2, 0.002, rng.uniform(0.5, 12.0, N))
+    step_s = even_step(*stored("bursts.csv", bursts))
+    assert bursts.sum() / step_s < 30 * N  # what the reports tell needs no more
+    assert step_s > 0.0

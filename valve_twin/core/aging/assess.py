@@ -68,7 +68,7 @@ from valve_twin.core.diagnosis.changes.finding import (
 )
 from valve_twin.core.diagnosis.checks import begun_anew, failed_checks
 from valve_twin.core.diagnosis.history import diagnose
-from valve_twin.core.diagnosis.refused import refused_lately
+from valve_twin.core.diagnosis.refused import featureless, refused_lately
 from valve_twin.core.past.state import state_of
 from valve_twin.core.types import Parameter
 
@@ -217,7 +217,7 @@ def assess(
         cycle=newest,
         fault=diagnosis.present,
         stale=refused_lately(past),
-        doubt=diagnosis.doubt,
+        doubt=diagnosis.doubt or featureless(past),
         failed="; ".join(filter(None, beside)),
         since=_first_compared(ordered, maintenance),
     )

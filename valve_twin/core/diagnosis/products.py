@@ -64,6 +64,9 @@ _LEAST_ALONE_S = 0.04
 _BACK = 0.5
 """Share of the shift by which the newest delay may be off it: clocks do not come back [1]."""
 
+_LATER = 8
+"""Newest delays behind a look that tell whether they stay where they were, assumed."""
+
 _FASTEST = 5e-3
 _OF_RATE = 0.35
 """Share of the rate that each delay, and each half of the record, must show [1]."""
@@ -322,7 +325,7 @@ def clocks_apart(
 
     It grows as fast in both halves of the record. A single delay, where a cycle shows no other,
     must grow by more than a pilot becomes slower. What the first cycles showed stays found, when
-    later ones are refused since their delay is longer than is searched.
+    later ones are refused since their delay is longer than is searched, not where it settles.
 
     Parameters
     ----------
@@ -352,10 +355,29 @@ def clocks_apart(
     delays = vectors[:, shown]
     rates = ((_early_rate if k.start == 0 else _rate)(start_s[k], delays[k]) for k in looks)
     for seen, rate in zip(looks, rates, strict=True):
-        if rate is not None:
+        if rate is not None and not _settles(start_s, delays, seen, rate):
             first, last = int(cycles[seen.start]), int(cycles[-1])
             return Finding(CLOCK, (), "sensor", rate.value, rate.sure, first, last)
     return None
+
+
+def _settles(t: FloatArray, delays: FloatArray, seen: slice, rate: _Rate) -> bool:
+    """Return whether a delay stays behind a look where it was, as one does that warms up.
+
+    One that is longer than is searched jumps instead, and tells nothing.
+    """
+    for delay in delays.T:
+        known = np.flatnonzero(np.isfinite(delay))
+        first, later = known[known < seen.stop], known[known >= seen.stop][-_LATER:]
+        if len(first) < _LEAST_CYCLES or len(later) < _LATER:
+            continue
+        ahead = rate.value * float(np.median(t[later]) - np.median(t[first]))
+        moved = float(np.median(delay[later]) - np.median(delay[first]))
+        since = float(np.median(delay[later]) - np.median(delay[first[-_LATER // 2 :]]))
+        shift = abs(rate.value) * float(np.ptp(t[first]))
+        if abs(moved - ahead) > _BACK * abs(ahead) and abs(since) < _BACK * shift:
+            return True
+    return False
 
 
 @dataclass(frozen=True, slots=True)

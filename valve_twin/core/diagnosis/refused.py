@@ -64,7 +64,25 @@ FRESH = Stale()
 
 
 def refused_lately(history: Iterable[Estimate] | Past) -> Stale:
-    """Return why the newest cycles say nothing, of the parameters or of sudden faults.
+    """Return why the newest cycles say nothing.
+
+    Parameters
+    ----------
+    history : iterable of Estimate, or Past
+        Estimates of all estimators.
+    """
+    rows = past_of(history).trend
+    newest = _newest_refused(rows)
+    if len(newest) < LEAST_REFUSED:
+        return FRESH
+    unusable = bool(rows.implausible[newest[-LEAST_REFUSED:]].all())
+    reason = rows.reasons[int(rows.key[newest[-1]])]
+    why = f"the newest {len(newest)} cycles gave no estimate: {reason}"
+    return Stale(why, unusable, int(rows.cycle[newest[0]]))
+
+
+def featureless(history: Iterable[Estimate] | Past) -> str:
+    """Return that the newest cycles show no features, so that no fault is seen; "" = they do.
 
     Parameters
     ----------
@@ -72,26 +90,12 @@ def refused_lately(history: Iterable[Estimate] | Past) -> Stale:
         Estimates of all estimators.
     """
     past = past_of(history)
-    rows = past.trend
-    newest = _newest_refused(rows)
-    if len(newest) < LEAST_REFUSED:
-        return _featureless(past)
-    unusable = bool(rows.implausible[newest[-LEAST_REFUSED:]].all())
-    reason = rows.reasons[int(rows.key[newest[-1]])]
-    why = f"the newest {len(newest)} cycles gave no estimate: {reason}"
-    return Stale(why, unusable, int(rows.cycle[newest[0]]))
-
-
-def _featureless(past: Past) -> Stale:
-    """Return that the newest cycles with an estimate show no features: no fault is seen."""
-    features = past.features
-    given = np.unique(past.trend.cycle[past.trend.given])[-LEAST_REFUSED:]
-    sought = np.isin(given, features.cycle)
-    if len(given) < LEAST_REFUSED or not sought.all():
-        return FRESH
-    if np.isin(given, features.cycle[features.given]).any():
-        return FRESH
-    return Stale(
+    newest = np.unique(past.trend.cycle)[-LEAST_REFUSED:]
+    sought, features = np.isin(newest, past.features.cycle), past.features
+    shown = np.isin(newest, features.cycle[features.given])
+    if len(newest) < LEAST_REFUSED or not sought.all() or shown.any():
+        return ""
+    return (
         f"the newest {LEAST_REFUSED} cycles show no features, so nothing is said of sudden "
         "faults: too few samples, or more than 1 % of them are missing"
     )

@@ -25,7 +25,9 @@ _LEAST_CYCLES = 2
 _LEVELS, _ON_LEVELS = 12, 0.95  # a switched command is on so few levels for that share, assumed
 _SWITCHED = 0.2  # share of its range above which it is on, assumed
 _NEAR_END = 0.1  # share of its range from its end where an answer sets off, assumed
-_EVEN = 2.0  # longest interval over the shortest of a program with a rest in mid-range, assumed
+_SHORT = 0.1  # quantile of the intervals that counts as a short one, assumed
+_EVEN = 2.0  # long interval over a short one of a program with a rest in mid-range, assumed
+_MORE = 1.5  # times as often, assumed
 _EVENER = 0.5  # of that of the intervals from the lowest level, assumed
 _SHORTEST = 0.5  # of the shortest interval found: the least length that is proposed
 _INSIDE = 0.1  # share of its range from its ends where a command is in mid-range, assumed
@@ -104,15 +106,15 @@ def _from_reference(command: Signal, period_s: float) -> CyclePlan | None:
     """Cut where the command leaves its rest, if it rests now and then.
 
     That is its lowest level, or one in mid-range that it goes beyond both ways, if it stays there
-    for longer and leaves it more evenly: the lower half of such a program is no rest.
+    for longer and leaves it more evenly or more often: the lower half of that program is no rest.
     """
     low, span = float(command.values.min()), float(np.ptp(command.values))
     lowest, share = _leaving(command, low), float(np.mean(command.values < low + _LEVEL * span))
     middle = low + _middle(command.values) * span
     here = float(np.mean(np.abs(command.values - middle) < 0.5 * _LEVEL * span))
     opened = _leaving(command, middle)
-    even = _spread(opened) < min(_EVENER * _spread(lowest), _EVEN)
-    if even and here >= max(share, _AT_REST):
+    evener = _spread(opened) < _EVENER * _spread(lowest) or len(opened) > _MORE * len(lowest)
+    if evener and _spread(opened) < _EVEN and here >= max(share, _AT_REST):
         rest = middle
     elif share >= _AT_REST:
         rest, opened = low, lowest
@@ -145,9 +147,12 @@ def _middle(values: FloatArray) -> float:
 
 
 def _spread(opened: Sequence[int]) -> float:
-    """Return the longest interval between some stamps over the shortest [1]."""
+    """Return a long interval between some stamps over a short one, pauses left out [1]."""
     intervals = np.diff(opened)
-    return float(intervals.max() / intervals.min()) if len(intervals) else np.inf
+    if not len(intervals):
+        return np.inf
+    short, long = np.quantile(intervals, (_SHORT, 1.0 - _SHORT))
+    return float(long / short)
 
 
 def switched_cycles(command: Signal, period_s: float) -> CyclePlan | None:

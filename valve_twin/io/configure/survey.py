@@ -29,7 +29,7 @@ from valve_twin.io.configure.channels import Survey, add_channels, unit_of
 from valve_twin.io.configure.made import better_difference, split_command
 from valve_twin.io.configure.switches import find_switches
 from valve_twin.io.errors import BagError, ConfigError
-from valve_twin.io.instruments.derived import REPORTED, difference, irregular
+from valve_twin.io.instruments.derived import difference, is_reported
 from valve_twin.io.instruments.units import known_unit
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ _ACTIVE = 0.1  # share of the command's range that is no rest
 _SURE = 60.0  # ARX fit of one command beside which two nameless ones are not looked for [%]
 _POOR = 30.0  # free-run fit below which the next pair is tried, too [%]
 _QUICK = 0.15  # quantile of the steps between reports that one grid keeps, assumed
-_LOOKED = 100_000  # reports of a channel that tell it
+_ROWS = 10  # rows of that grid a report, before its step is rounded down, assumed
 _SLACK = 0.3  # of the answer's range that a command of the same unit may lie outside it
 
 
@@ -151,18 +151,25 @@ def choose(survey: Survey, *, position: str = "") -> tuple[Survey, Choice]:
     return survey, Choice(_doubted(survey, repeat.plan), repeat=repeat, copies=copies)
 
 
-def even_step(survey: Survey) -> float:
-    """Return the step of one grid for channels reported when they change, 0 = they are not.
+def even_step(survey: Survey, choice: Choice) -> float:
+    """Return the step of one grid for channels stored when they change, 0 = they are not.
 
     Parameters
     ----------
     survey : Survey
-        Channels, and the period of the answer.
+        Channels.
+    choice : Choice
+        Which of them are command and answer.
     """
-    if survey.jitter <= REPORTED or not survey.recordings[0].measured:
+    if choice.pair is None or not survey.recordings[0].measured:
         return 0.0
-    steps = [np.diff(s.stamp_ns[:_LOOKED]) * 1e-9 for s in survey.signals.values()]
-    quick = min(float(np.quantile(part, _QUICK)) for part in steps if len(part))
+    pair = [survey.signals[k] for k in (choice.pair.command, choice.pair.answer)]
+    own = [np.asarray(s.stamp_ns * 1e-9, np.float64) for s in pair]
+    if not all(is_reported(seconds) for seconds in own):
+        return 0.0
+    quick = min(float(np.quantile(np.diff(seconds), _QUICK)) for seconds in own)
+    most = _ROWS * max(map(len, own))
+    quick = max(quick, max(float(np.ptp(seconds)) for seconds in own) / most)
     size = 10.0 ** np.floor(np.log10(quick))
     return float(size * max(n for n in (1.0, 2.0, 5.0) if n * size <= quick * (1.0 + 1e-9)))
 
@@ -191,8 +198,10 @@ def _first(survey: Survey) -> Path:
 
 
 def _timed(survey: Survey, answer: str) -> Survey:
-    seconds = np.asarray(survey.signals[answer].stamp_ns * 1e-9, np.float64)
-    return replace(survey, period_s=float(np.median(np.diff(seconds))), jitter=irregular(seconds))
+    steps = np.diff(survey.signals[answer].stamp_ns) * 1e-9
+    period_s = float(np.median(steps))
+    off = float(np.mean(np.abs(steps - period_s) > 0.1 * period_s))
+    return replace(survey, period_s=period_s, jitter=off)
 
 
 def _driven(survey: Survey, pairs: Sequence[Pair], position: str) -> Proposal | None:

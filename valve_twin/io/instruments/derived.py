@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 _PART = re.compile(r"max\((-?)(.+), 0\)")
 _GAP_STEPS = 10.0  # of the channel or of the new grid: a longer pause is left empty
 _MOST_STEPS = 50_000_000
-REPORTED = 0.5
-"""Share of steps off by a tenth from which on values are reported as they change, assumed [1]."""
+_REPORTED = 5.0  # long steps over short ones where values are stored as they change, assumed
+_TENTH = 0.1  # quantile of the steps that counts as a short one, assumed
+_SELDOM, _SILENT = 0.01, 3.0  # times the step that so few exceed a silence may last, assumed
 _QUIET = 2.0  # usual changes between two reports within which a value stays unreported, assumed
 _SWITCHED = 0.3  # share of the samples that repeat the one before: held, never averaged
 
@@ -142,17 +143,18 @@ def resampled(recording: Recording, step_s: float) -> Recording:
     return replace(recording, columns=columns, clock=clock)
 
 
-def irregular(seconds: FloatArray) -> float:
-    """Return the share of steps that are off the median one by a tenth [1].
+def is_reported(seconds: FloatArray) -> bool:
+    """Return whether a channel is stored when it changes, not at steps that jitter or pause.
 
     Parameters
     ----------
     seconds : (N,) array
         Times of a channel, rising [s].
     """
-    steps = np.diff(seconds)
-    usual = float(np.median(steps)) if len(steps) else 0.0
-    return float(np.mean(np.abs(steps - usual) > 0.1 * usual)) if len(steps) else 0.0
+    if len(seconds) < 3:
+        return False
+    short, long = np.quantile(np.diff(seconds), (_TENTH, 1.0 - _TENTH))
+    return bool(long > _REPORTED * short)
 
 
 def _resample(column: Column, grid: FloatArray, step_s: float) -> FloatArray:
@@ -179,9 +181,13 @@ def _resample(column: Column, grid: FloatArray, step_s: float) -> FloatArray:
     before, after = seconds[first], seconds[then]
     limit = _GAP_STEPS * max(step_s, own_s)
     empty = (after - before > limit) & (grid > before) & (grid < after)
-    if irregular(seconds) > REPORTED:  # silence then means that nothing changed
+    if is_reported(
+        seconds
+    ):  # silence then means that nothing changed, if it is no longer than any
         usual = float(np.median(np.abs(np.diff(values))))
-        empty &= np.abs(values[then] - values[first]) > _QUIET * usual
+        longest = _SILENT * float(np.quantile(np.diff(seconds), 1.0 - _SELDOM))
+        moved = np.abs(values[then] - values[first]) > _QUIET * usual
+        empty &= moved | (after - before > longest)
     out[empty] = np.nan
     out[grid > seconds[-1] + limit] = np.nan
     return out

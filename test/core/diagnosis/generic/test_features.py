@@ -185,3 +185,4 @@ def test_how_long_a_switched_command_is_on_says_nothing(motion, shown):
     steered = np.where(np.arange(400) < 100, 0.3, 0.2 + 1e-3 * np.arange(400))
     beside = np.stack((on, steered), axis=1)
     assert shown(motion, commands=beside)["saturated"] == 0.0
+    assert shown(motion, commands=np.ones((400, 1)))["saturated"] == 1.0

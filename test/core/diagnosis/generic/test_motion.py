@@ -58,7 +58,7 @@ def test_a_cycle_that_stands_still_or_has_no_noise_gives_none():
 def test_a_position_without_noise_counts_as_that_of_a_good_sensor(motion):
     filtered = replace(motion, noise=0.0, step=1e-5)
     assert filtered.sigma == 1e-4
-    assert replace(motion, noise=2e-5, step=0.0).sigma == 2e-5
+    assert replace(motion, noise=2e-4, step=0.0).sigma == 2e-4
 
 
 @pytest.mark.no_cover

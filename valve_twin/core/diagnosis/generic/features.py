@@ -192,9 +192,11 @@ def cycle_features(record: Record) -> dict[str, float]:
 
 
 def _switched(commands: FloatArray) -> BoolArray:
-    """Return which of (N, M) commands are off or at their end all along: on is no saturation."""
+    """Return which of (N, M) commands are switched off and on to their end: none is saturated."""
     size = np.abs(commands)
-    return np.asarray(~((size > 1.0 - _END) & (size < _END)).any(axis=0), dtype=np.bool_)
+    off, on = size <= 1.0 - _END, size >= _END
+    known = np.isnan(size) | off | on
+    return np.asarray(known.all(axis=0) & off.any(axis=0) & on.any(axis=0), dtype=np.bool_)
 
 
 def _compared(s: FloatArray, off: FloatArray, step: float, period_s: float) -> dict[str, float]:

@@ -35,9 +35,9 @@ _LEAST_SAMPLES = 30
 _LEAST_NOISE = 0.2
 """Noise of a sensor that rounds, over its step, at least: rounding hides what is less [1]."""
 
-_NOISELESS, _GOOD_SENSOR = 1e-5, 1e-4
-"""Noise below which a position was interpolated, filtered or rounded, and what then counts as its
-noise: faults of a size that no sensor sees have no signature; shares of the span, assumed [1]."""
+_GOOD_SENSOR = 1e-4
+"""Least noise of a position, of which less was interpolated or filtered away: faults of a size
+that no sensor sees have no signature; share of the span, assumed [1]."""
 
 PARAMETERS = (
     Parameter(f"{MOTION}period_s", "s", "the valve's own motion: sampling time", 0.0),
@@ -75,8 +75,7 @@ class Motion:
     @property
     def sigma(self) -> float:
         """Noise of what is measured before it is rounded [1]."""
-        sigma = max(self.noise, _LEAST_NOISE * self.step)
-        return sigma if sigma >= _NOISELESS else _GOOD_SENSOR
+        return max(self.noise, _LEAST_NOISE * self.step, _GOOD_SENSOR)
 
     def positions(self) -> FloatArray:
         """Return the position at each sample over the span, (N,) [1]."""

@@ -156,7 +156,9 @@ def late_fault(
     allowed = agreement[reach : reach + max_lag + 1].max()
     if not agreement[best] > CLEAR or allowed >= WORSE * agreement[best]:
         return ""
-    at_stops = explained_by_lag(position, inputs, reach, _AT_STOP)
+    beside = np.stack((position[:-2], position[1:-1], position[2:]))
+    smooth = np.concatenate((position[:1], np.median(beside, axis=0), position[-1:]))
+    at_stops = explained_by_lag(smooth, inputs, reach, _AT_STOP)  # a wild sample is no stop
     if at_stops[reach : reach + max_lag + 1].max() >= _AS_WELL * at_stops.max():
         return ""  # commands that press on against a stop spoke for another lag
     late = (best - reach) * period_s
