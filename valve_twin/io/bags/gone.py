@@ -133,8 +133,10 @@ class OwnFolder:
         except OSError:
             return False
 
-    def adopt(self, is_known: Callable[[Path], bool]) -> None:
+    def adopt(self, is_known: Callable[[Path], bool]) -> bool:
         """Make it where it is gone; take another for it that holds nothing else, as a disk's.
+
+        Return whether it is another one than before.
 
         Parameters
         ----------
@@ -150,12 +152,13 @@ class OwnFolder:
         """
         self.path.mkdir(parents=True, exist_ok=True)
         if self.is_own():
-            return
+            return False
         found = list(self.path.glob("*.mcap"))
         if not all(map(is_known, found)) or (not found and (self.path / FILE_NAME).exists()):
             msg = f"{self.path}: another bag took its place"
             raise TakenFolderError(msg)
         self._status = os.stat(self.path)
+        return True
 
 
 def full(path: Path, err: OSError) -> BagError:

@@ -93,23 +93,25 @@ class FileEvents:
         Gets the names of the file that was finished and of the next.
     on_gone : callable
         Gets a line where somebody deleted, cut or moved away the file that was written.
+    on_folder : callable
+        Gets the folder where it had to be made again, or another one took its place.
     """
 
     noted: Callable[[], Mapping[str, object]] = dict
     on_split: Callable[[str, str], object] = lambda _closed, _opened: None
     on_gone: Callable[[str], object] = lambda _line: None
+    on_folder: Callable[[Path], object] = lambda _path: None
 
 
 @dataclass(slots=True)
 class _Closed:
-    """A file that is not written to any more."""
+    """A file that is not written to any more; `status`: as the system said when it was closed."""
 
     path: Path
     entry: FileEntry
     counts: dict[str, int]
     size: int
-    status: os.stat_result | None = None
-    """What the system said of it when it was closed; None where it is not closed yet."""
+    status: os.stat_result | None
 
 
 def _unlink(path: Path) -> int:
@@ -180,10 +182,8 @@ class RollingFiles:
         path : Path
             Folder to make.
         """
-        self.path, self._next = path, 0
-        self._done, self._unfinished = [], []
-        self._folder = OwnFolder(path)
-        self.open_next()
+        self._folder = OwnFolder(path)  # first: where there is none, nothing changes
+        self.path, self._next, self._done = path, 0, []
 
     def follow(self, earlier: Sequence[Path], delete: Callable[[Path], int]) -> None:
         """Count files of earlier recordings as the oldest of this one.
@@ -234,7 +234,8 @@ class RollingFiles:
         """
         file, made = None, self._storage
         try:
-            self._folder.adopt(self._is_known)
+            if self._folder.adopt(self._is_known):
+                self._events.on_folder(self.path)
             self._done = [d for d in self._done if d.path.exists()]
             self._keep(self._rule.keep - 1)  # before: who is killed in between leaves no more
             file = BagFile(
@@ -376,10 +377,8 @@ class RollingFiles:
 
     def _is_known(self, path: Path) -> bool:
         """Return whether a file is one of this bag, not one of another bag by the same name."""
-        for file in self._unfinished:
-            if file.path == path:
-                return file.gone() is None
-        return any(d.path == path and stands(path, d.status) for d in self._done)
+        left = [f.gone() is None for f in self._unfinished if f.path == path]
+        return any(left or (stands(path, d.status) for d in self._done if d.path == path))
 
     def _list(self, file: BagFile, entry: FileEntry, counts: dict[str, int]) -> None:
         """List a file that is not written to any more; one that is listed keeps its place."""
@@ -399,7 +398,7 @@ class RollingFiles:
         if gone is Gone.CUT:
             self._topics.uncount(file.counts())
             file.abandon()
-            self._list(file, file.entry(), file.counts())
+            self._list(file, FileEntry(file.path.name, 0, 0, 0), {})
             return
         self.note(self._events.noted())
         file.mcap.end_chunk()

@@ -8,10 +8,11 @@ import math
 import os
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from valve_twin.io.bags.gone import LostFileError, TakenFolderError
+from valve_twin.io.bags.rolling import FileEvents
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.errors import BagError
 from valve_twin.io.recording import restarted
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from valve_twin.io.bags.qos import QosProfile
-    from valve_twin.io.bags.rolling import FileEvents, SplitRule
+    from valve_twin.io.bags.rolling import SplitRule
     from valve_twin.io.recording.ring_buffer import RecordedMessage
 
 LOOK_BYTES = 64 * 1024
@@ -123,7 +124,8 @@ class Recording:
         self._disk, self._flush_s = disk or DiskRule(), flush_s
         self._clock, self._free = clock, free
         self._by_snapshot = by_snapshot
-        self._tell = events.on_gone if events is not None else None
+        events = events or FileEvents()
+        self._tell = events.on_gone
         self._lock: int | None = None
         try:
             self._writer = BagWriter(
@@ -134,7 +136,7 @@ class Recording:
                 sync_now=sync if in_background else None,
                 split=split,
                 at_once=not by_snapshot,
-                events=events,
+                events=replace(events, on_folder=self._hold),
             )
             self.path = self._first = self._writer.path
             self._lock = restarted.lock(self.path)
@@ -142,6 +144,7 @@ class Recording:
             self._let_go()
             raise
         self._offered: dict[str, int] = {}
+        self._foreign: set[str] = set()
         self._dirty_since = self._unwritten_since = math.inf
         self._unseen = 0
         self._retry_at, self._pause_s = 0.0, FIRST_RETRY_S
@@ -191,21 +194,26 @@ class Recording:
         """Write messages; while the disk takes none they are lost and counted."""
         for m in batch:
             self._offered[m.topic] += 1
-            if self.trouble:
-                continue
-            try:
-                self._writer.write(m.topic, m.data, log_ns=m.log_ns, publish_ns=m.publish_ns)
-            except BagError as err:
-                self._stop(err)
-                continue
-            self._unseen += len(m.data)
-            if self._unseen >= LOOK_BYTES:
-                self._look()
+            if not self.trouble:
+                self._put(m)
         if batch:
             now = self._clock()
             self._dirty_since = min(self._dirty_since, now)
             self._unwritten_since = min(self._unwritten_since, now)
         self.tick()
+
+    def _put(self, m: RecordedMessage, again: bool = True) -> None:
+        """Write a message; where the folder was taken before it, into the next one."""
+        try:
+            self._writer.write(m.topic, m.data, log_ns=m.log_ns, publish_ns=m.publish_ns)
+        except BagError as err:
+            self._stop(err)
+            if again and not self.trouble:
+                self._put(m, again=False)
+            return
+        self._unseen += len(m.data)
+        if self._unseen >= LOOK_BYTES:
+            self._look()
 
     def tick(self) -> None:
         """Do what is due: sync, look at the free space, go on after trouble."""
@@ -355,13 +363,17 @@ class Recording:
     def _stop(self, why: BagError) -> None:
         """Close the file as it is; what comes is lost until there is space.
 
-        Where only the file was taken away, the next one is begun at once.
+        Where only file or folder was taken away, the next one is begun at once.
         """
         self._dirty_since = self._unwritten_since = math.inf
         self._writer.rolling.suspend()
-        if isinstance(why, LostFileError) and self._disk.resume and not self.trouble:
+        gone = isinstance(why, (LostFileError, TakenFolderError))
+        if gone and self._disk.resume and not self.trouble:
             try:
-                self._open_next()
+                if isinstance(why, TakenFolderError):
+                    self._go_elsewhere()
+                else:
+                    self._open_next()
             except BagError as err:
                 why = err
             else:
@@ -377,16 +389,25 @@ class Recording:
         try:
             self._writer.rolling.open_next()
         except TakenFolderError:
-            path = restarted.next_folder(self._first)
-            self._writer.rolling.begin_in(path)
-            self.path = path
-            with suppress(OSError):
-                restarted.mark(path, self._first)
-            if self._lock is not None:
-                os.close(self._lock)
-            self._lock = restarted.lock(path)
-            if self._tell is not None:
-                self._tell(f"{self._first}: another bag took its place: recording to {path}")
+            self._go_elsewhere()
+
+    def _go_elsewhere(self) -> None:
+        """Go on in a folder beside: another bag took the place of this one."""
+        path = restarted.next_folder(self._first)
+        self._writer.rolling.begin_in(path)
+        self._foreign.add(self.path.name)
+        self.path, taken = path, self.path
+        self._hold(path)
+        self._tell(f"{taken}: another bag took its place: recording to {path}")
+        self._writer.rolling.open_next()
+
+    def _hold(self, path: Path) -> None:
+        """Keep other recorders from a folder that was made for this recording."""
+        with suppress(OSError):  # a disk in trouble: this folder is then nobody's
+            restarted.mark(path, self._first, self._foreign)
+        if self._lock is not None:
+            os.close(self._lock)
+        self._lock = restarted.lock(path)
 
     def _resume(self) -> None:
         """Go on in a new file where there is space."""

@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING
 from valve_twin.io.bags.folder import natural_order
 from valve_twin.io.bags.metadata import FILE_NAME
 from valve_twin.io.mcap.format import MAGIC, RECORD_HEAD, Op
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
 MARK = ".valve_twin_recording"
-"""File in a folder NAME_002 and so on that holds NAME."""
+"""File in a folder NAME_002 and so on that holds NAME, then the folders that other bags took."""
 
 _NUMBERED = re.compile(r"(.+)_(\d{3,})")
 _SECOND = 2
@@ -51,7 +52,7 @@ def next_folder(path: str | Path) -> Path:
     return found
 
 
-def mark(path: Path, first: Path) -> None:
+def mark(path: Path, first: Path, foreign: Collection[str] = ()) -> None:
     """Mark a folder as a later recording of a name; nothing where it is the first one.
 
     Parameters
@@ -60,9 +61,12 @@ def mark(path: Path, first: Path) -> None:
         Folder of the present recording, as `next_folder` gave it.
     first : Path
         That of the first recording of its name.
+    foreign : collection of str
+        Names of the folders of which other bags took the place; those of earlier marks stay.
     """
     if path.name != first.name:
-        (path / MARK).write_text(first.name, encoding="utf-8")
+        names = {*foreign, *_foreign(path.with_name(first.name))}
+        write_whole(path / MARK, "\n".join([first.name, *sorted(names)]))
 
 
 def earlier_files(path: Path, first: Path) -> list[Path]:
@@ -83,7 +87,8 @@ def earlier_files(path: Path, first: Path) -> list[Path]:
     first = path.with_name(first.name)
     folders = [first, *(f for n, f in sorted(_numbered(first)) if n < int(found[2]))]
     files: list[Path] = []
-    for folder in folders:
+    foreign = _foreign(first)
+    for folder in (f for f in folders if f.name not in foreign):
         held = lock(folder)
         if held is None:
             continue
@@ -137,11 +142,21 @@ def _numbered(first: Path) -> Iterator[tuple[int, Path]]:
             yield int(found[2]), folder
 
 
+def _foreign(first: Path) -> set[str]:
+    """Return the folders of a name of which other bags took the place."""
+    return {name for _, folder in _numbered(first) for name in _marked(folder)[1:]}
+
+
 def _is_of(folder: Path, name: str) -> bool:
+    return _marked(folder)[:1] == [name]
+
+
+def _marked(folder: Path) -> list[str]:
+    """Return what the mark of a folder holds, line by line."""
     try:
-        return (folder / MARK).read_text(encoding="utf-8") == name
+        return (folder / MARK).read_text(encoding="utf-8").split("\n")
     except (OSError, ValueError):
-        return False
+        return []
 
 
 def _has_messages(file: Path) -> bool:
