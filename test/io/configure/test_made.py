@@ -7,6 +7,8 @@ import pytest
 
 from test.core.survey.test_record import press_columns
 from test.io.configure.test_survey import STEP_S, N, chosen, slew_valve, steps, survey
+from valve_twin.core.survey.choose import halve_cycles
+from valve_twin.core.survey.pairs import Signal
 from valve_twin.core.types import CycleRule
 from valve_twin.io.configure.proposal import reasons, yaml_text
 
@@ -130,6 +132,52 @@ def test_a_cylinder_of_two_commands_is_no_press(tmp_path, seed):
     told = f"each later cycle: integrator {fits['integrator']:.1f} %"
     assert told in lines_of(found, choice)
     assert 'column: "open_cmd_V - close_cmd_V"' in yaml_text(found, choice, ["a.csv"])
+
+
+def halves_of(length, pause=0, pauses=()):
+    """Return the halves of a record of cycles of some samples, some with a pause in them."""
+    lengths = np.full(13, length)
+    lengths[list(pauses)] += pause
+    opened = np.cumsum([0, *lengths])
+    stamp_ns = np.arange(opened[-1]) * 10**7
+    number = np.repeat(np.arange(13), lengths)
+    signals = {
+        k: Signal(k, stamp_ns, np.asarray(number + off, np.float64))
+        for k, off in (("u", 0.0), ("y", 100.0))
+    }
+    return halve_cycles(signals, "u", "y", [int(k) * 10**7 for k in opened])
+
+
+@pytest.mark.parametrize("pauses", [(), (0,), (0, 5)])
+def test_cycles_with_a_pause_are_not_held_against_models(pauses):
+    halves = halves_of(300, 10_000, pauses)
+    kept = [k for k in range(13) if k not in pauses][:12]
+    assert halves.every == 1
+    assert not halves.doubt
+    assert len(halves.begins) + len(halves.unseen_begins) == len(kept)
+    assert halves.first == (300 + 10_000 if 0 in pauses else 0)
+    both = np.concatenate((halves.y, halves.unseen_y))
+    assert np.array_equal(both, np.repeat(100.0 + np.array(kept), 300))
+    assert np.array_equal(np.concatenate((halves.u, halves.unseen_u)), both - 100.0)
+    first = (*halves.y[list(halves.begins)], *halves.unseen_y[list(halves.unseen_begins)])
+    assert first == tuple(100.0 + np.array(kept))
+
+
+def test_one_later_cycle_is_a_doubt():
+    halves = halves_of(5000)
+    assert len(halves.unseen_begins) == 1
+    assert halves.doubt == "models were held against a single later cycle; give a longer part"
+
+
+@pytest.mark.no_cover
+@pytest.mark.usefixtures("no_black_box")
+def test_a_pause_in_the_first_cycle_makes_a_cylinder_no_press(tmp_path):
+    command, ram = cylinder(11)
+    columns = {**sides_of(command), "ram_mm": ram}
+    columns = {k: np.insert(v, 295, np.full(10_000, v[295])) for k, v in columns.items()}
+    _, choice = chosen(survey(tmp_path / "a.csv", columns))
+    assert (choice.driven, choice.trials[0].model) == (None, "integrator")
+    assert choice.trials[0].fit > 95.0
 
 
 @pytest.mark.no_cover

@@ -30,6 +30,8 @@ _LATE_COPY = 2e-4  # likewise of a command some samples ago, assumed
 _FOLLOWS = 0.5  # correlation of the levels where names say the same, assumed
 _MOST_SAMPLES = 3000  # of a trial
 _LEAST_CYCLES, _MOST_CYCLES = 2, 12  # of a trial by cycles
+_LEAST_TESTED = 2  # later cycles that tell models apart, assumed
+_PAUSED = 3.0  # median lengths of a cycle beyond which one holds a pause, assumed
 _WORTH = 20.0  # ARX fit of a pair worth a model [%], assumed
 _CLEAR = 0.5  # correlation of the increments that is enough where names say the same, assumed
 _PAIRS = 3  # pairs tried with models
@@ -89,6 +91,12 @@ class Halves:
     begins: tuple[int, ...] = ()
     unseen_begins: tuple[int, ...] = ()
 
+    @property
+    def doubt(self) -> str:
+        """Why a comparison by cycles says little; empty where it does not."""
+        few = self.begins and len(self.unseen_begins) < _LEAST_TESTED
+        return "models were held against a single later cycle; give a longer part" if few else ""
+
 
 def halve(signals: Mapping[str, Signal], command: str, answer: str) -> Halves:
     """Return two columns on the answer's stamps, thinned, in two halves that both move.
@@ -116,6 +124,8 @@ def halve_cycles(
 ) -> Halves | None:
     """Return the first cycles of two columns, thinned only where few are long; None = too few.
 
+    Those that hold a pause are left out: they would leave no room for others.
+
     Parameters
     ----------
     signals : mapping
@@ -126,20 +136,25 @@ def halve_cycles(
         Where cycles begin [ns].
     """
     grid, y = signals[answer].stamp_ns, signals[answer].values
-    edges = np.searchsorted(grid, opened_ns)[: _MOST_CYCLES + 1]
-    count = int(np.count_nonzero(edges - edges[:1] <= 2 * _MOST_SAMPLES))
-    edges = edges[: max(count, _LEAST_CYCLES + 1)]
-    if len(edges) <= _LEAST_CYCLES:
+    edges = np.searchsorted(grid, opened_ns)
+    length = np.diff(edges)
+    if not len(length):
         return None
-    every = max(1, -(-int(edges[-1] - edges[0]) // (2 * _MOST_SAMPLES)))
-    part = slice(int(edges[0]), int(edges[-1]), every)
+    kept = np.flatnonzero(length <= _PAUSED * np.median(length))[:_MOST_CYCLES]
+    count = int(np.count_nonzero(np.cumsum(length[kept]) <= 2 * _MOST_SAMPLES))
+    kept = kept[: max(count, _LEAST_CYCLES)]
+    if len(kept) < _LEAST_CYCLES:
+        return None
+    every = max(1, -(-int(length[kept].sum()) // (2 * _MOST_SAMPLES)))
+    parts = [np.arange(edges[k], edges[k + 1], every) for k in kept]
+    part = np.concatenate(parts)
     at = np.searchsorted(signals[command].stamp_ns, grid[part], side="right") - 1
     u, y = signals[command].values[np.maximum(at, 0)], y[part]
-    begins = [int(e - edges[0]) // every for e in edges[:-1]]
+    begins = np.cumsum([0, *map(len, parts[:-1])]).tolist()
     middle = (len(begins) + 1) // 2
     half = begins[middle]
     return Halves(
-        every, u[:half], y[:half], u[half:], y[half:], int(edges[0]),
+        every, u[:half], y[:half], u[half:], y[half:], int(part[0]),
         tuple(begins[:middle]), tuple(b - half for b in begins[middle:]),
     )  # fmt: skip
 

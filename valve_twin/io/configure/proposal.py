@@ -396,6 +396,8 @@ def _trial_lines(choice: Choice) -> list[str]:
             f"doubt: {rival.model} follows as well: where the commands move a cylinder, a tank "
             f"or a drive, take it with '{pair.command}'"
         )
+    if halves is not None and halves.doubt:
+        lines.append(f"doubt: {halves.doubt}")
     box = choice.baseline.fit if choice.baseline is not None else math.nan
     beside = (pair.arx, pair.line, box - _TIE, 0.0)
     peer = max((f for f in beside if math.isfinite(f)), default=0.0)

@@ -120,6 +120,8 @@ def _compared(bag: str | Path, signals: Mapping[str, Signal], proposal: Proposal
         beside[f"a black box ({found.baseline.model})"] = found.baseline.fit
     others = (f"{name} {fit:.1f} %" for name, fit in beside.items() if np.isfinite(fit))
     lines = [f"free run of each later cycle: {', '.join((*tried.values(), *others))}"]
+    if found.halves.doubt:
+        lines.append(f"{DOUBT}{found.halves.doubt}")
     if not found.two:
         lines.append(
             f"{DOUBT}{found.trials[0].model} follows the difference of both commands better (a "
