@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from valve_twin.core.types import EstimateStatus
-from valve_twin.io.history.tiers.reading import counted
+from valve_twin.io.history.tiers.reading import NONE_REFUSED, counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Cycle, Estimate, Maintenance, Parameter, Prediction
     from valve_twin.core.valves.error_budget import Budget
     from valve_twin.io.history.tables import CycleRecord
+    from valve_twin.io.history.tiers.reading import Refused
     from valve_twin.report.signals import Signal
 
 
@@ -82,9 +83,8 @@ class ReportData:
         What the whole page has to be read with, at its head; empty = nothing.
     condensed : Condensed or None
         How far its cycles are condensed in the history: they are not among `cycles`.
-    condensed_refused : int or None
-        From how many of those nothing was learnt [1]; None = older versions condensed them and
-        tell only which were not accepted.
+    condensed_refused : Refused
+        From how many of those nothing was learnt, at least where older versions condensed some.
     condensates : tuple of Condensate
         What the days of condensed cycles say of the parameters that are followed.
     language : str
@@ -117,7 +117,7 @@ class ReportData:
     files: Mapping[int, str] = field(default_factory=dict)
     warning: str = ""
     condensed: Condensed | None = None
-    condensed_refused: int | None = 0
+    condensed_refused: Refused = NONE_REFUSED
     condensates: tuple[Condensate, ...] = ()
     language: str = "en"
 
@@ -147,14 +147,6 @@ class ReportData:
         }
         plain = {c.cycle: c.reason or "no reason recorded" for c in self.cycles if not c.accepted}
         return found | plain
-
-    @property
-    def refused_before(self) -> int:
-        """From how many condensed cycles nothing was learnt, as far as that is known [1]."""
-        if self.condensed is None:
-            return 0
-        least = self.condensed.cycles - self.condensed.accepted
-        return least if self.condensed_refused is None else self.condensed_refused
 
     def parameter(self, name: str) -> Parameter | None:
         """Return what is known about a parameter."""

@@ -125,7 +125,7 @@ def render_report(data: ReportData) -> str:
         last=estimates_table(data),
         budget=budget_section(data.budget),
         refused_cycles=refused_cycles(data),
-        refused_before=data.refused_before,
+        refused_before=data.condensed_refused,
         source_files=source_files(data),
         refused_parameters=refused_parameters(data),
         quality=quality(data),
@@ -170,8 +170,8 @@ def _light(data: ReportData) -> Light:
 def _facts(data: ReportData) -> list[tuple[str, str, str]]:
     """Return what stands in large figures: name, value, remark."""
     totals, lost = data.totals, data.totals.lost
-    refused = f"{count(len(data.refused) + data.refused_before)} refused"
-    if data.condensed_refused is None:
+    refused = f"{count(len(data.refused) + data.condensed_refused.cycles)} refused"
+    if not data.condensed_refused.of_all:
         refused = f"at least {refused}"
     facts = [("Cycles", count(totals.cycles), refused)]
     used = [e for e in data.trend_estimates if e.status is not EstimateStatus.REFUSED]

@@ -207,8 +207,11 @@ def refused_cycles(data: ReportData) -> Table:
     started |= {c.cycle: c.start_ns for c in data.cycles}
     found = sorted(refused.items(), reverse=True)
     rows = [[str(cycle), when(started[cycle]), why] for cycle, why in found[:MAX_ROWS]]
-    total = len(found) + data.refused_before
+    before, of_all = data.condensed_refused
+    total = len(found) + before
     more = f"the newest {len(rows)} of {total}" if total > len(rows) > 0 else ""
+    if rows and not of_all:
+        more = f"the newest {len(rows)} of at least {total}"
     head = ["Cycle", "Start", "Why it was refused"]
     if data.files:
         head.append("File")

@@ -13,8 +13,9 @@ import sqlalchemy as sa
 from test.io.history.tiers.test_condense import KEEP, VALVE, store
 from valve_twin.cli import main
 from valve_twin.core.aging.config import AgingConfig
+from valve_twin.io.history.check_sums import sealed
 from valve_twin.io.history.store import CycleRecord, History
-from valve_twin.io.history.tables import CONDENSATE
+from valve_twin.io.history.tables import CONDENSATE, CYCLE, ESTIMATE, to_row
 from valve_twin.io.history.tiers import condense as module
 from valve_twin.io.history.tiers.condense import Retention, condense
 from valve_twin.io.history.tiers.reading import (
@@ -140,7 +141,7 @@ def test_a_condensed_copy_in_its_place_gets_only_what_came_since(history, tmp_pa
 
 def refused_on_page(history):
     page = render_report(history_data(history, VALVE, AgingConfig(max_candidates=60)))
-    listed = re.findall(r"the newest (\d+) of (\d+)", page)
+    listed = re.findall(r"the newest (\d+) of ((?:at least )?\d+)", page)
     return re.findall(r"((?:at least )?\d+) refused", page)[0], listed
 
 
@@ -155,9 +156,41 @@ def test_refused_cycles_count_though_they_are_condensed(history):
     assert refused_on_page(history)[0] == "14"
 
 
-def test_refused_cycles_that_an_older_version_condensed_are_no_exact_number(history):
-    condense(history, VALVE, KEEP)
+def without_refused(history):
+    """Leave a condensed history as an older version left it."""
     with history.writing(VALVE) as (connection, _):
         connection.execute(sa.delete(CONDENSATE).where(CONDENSATE.c.parameter == "refused"))
-    kept = sum(c.cycle % 50 == 0 for c in history.cycles(VALVE))
-    assert refused_on_page(history) == (f"at least {kept}", [])
+
+
+def test_refused_cycles_that_an_older_version_condensed_are_no_exact_number(history):
+    condense(history, VALVE, KEEP)
+    without_refused(history)
+    kept = str(sum(c.cycle % 50 == 0 for c in history.cycles(VALVE)))
+    assert refused_on_page(history) == (f"at least {kept}", [(kept, f"at least {kept}")])
+
+
+def test_days_of_an_older_version_stay_counted_beside_those_of_now(history):
+    """Of its days what was not accepted counts, of others all that nothing was learnt from."""
+    rough = replace(history.cycles(VALVE)[6], accepted=False, reason="cut off")
+    with history.writing(VALVE) as (connection, valve_id):
+        row = to_row(rough, valve_id)
+        connection.execute(sa.delete(CYCLE).where(CYCLE.c.cycle == 7))
+        connection.execute(CYCLE.insert(), sealed(CYCLE, row))
+    condense(history, VALVE, KEEP)
+    without_refused(history)
+    store(history, 600, 601)
+    before = refused_on_page(history)[0]
+    assert before == "at least 20"
+    condense(history, VALVE, KEEP)
+    assert refused_on_page(history)[0] == before
+
+
+def test_a_page_claims_no_sound_past_that_an_older_version_condensed(history):
+    condense(history, VALVE, KEEP)
+    without_refused(history)
+    for table in (CYCLE, ESTIMATE):
+        with history.writing(VALVE) as (connection, _):
+            connection.execute(sa.delete(table).where(table.c.cycle % 50 == 0))
+    page = render_report(history_data(history, VALVE, AgingConfig(max_candidates=60)))
+    assert "No cycle was refused." not in page
+    assert "No cycle was refused since those that are condensed; of some of these" in page

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from valve_twin.core.past.condensate import DAY_S, OF_CYCLES, REFUSED, Condensate, Condensed
 from valve_twin.core.past.state import AgingState
@@ -69,8 +69,21 @@ def condensates(
     return [from_row(Condensate, row) for row in history.sound(CONDENSATE, query)]
 
 
-def condensed_refused(history: History, valve: str) -> int | None:
-    """Return from how many condensed cycles of a valve nothing was learnt; None = not all told it.
+class Refused(NamedTuple):
+    """From how many condensed cycles nothing was learnt, and whether that is known of all [1]."""
+
+    cycles: int
+    of_all: bool
+
+
+NONE_REFUSED = Refused(0, of_all=True)
+"""What is said of a history that is not condensed."""
+
+
+def condensed_refused(history: History, valve: str) -> Refused:
+    """Return from how many condensed cycles of a valve nothing was learnt.
+
+    Of days that an older version condensed only those count that were not accepted.
 
     Parameters
     ----------
@@ -79,11 +92,14 @@ def condensed_refused(history: History, valve: str) -> int | None:
     valve : str
         Its name.
     """
-    found = condensates(history, valve, parameter=REFUSED, estimator=OF_CYCLES)
+    days = condensates(history, valve, estimator=OF_CYCLES)
+    told = {(d.cycle, d.last_cycle): d for d in days if d.parameter == REFUSED}
+    number = sum(round(d.mean * d.count) for d in told.values())
+    for day in days:
+        if day.parameter == "accepted" and (day.cycle, day.last_cycle) not in told:
+            number += day.count - round(day.mean * day.count)
     done = condensed(history, valve)
-    if done is not None and sum(day.count for day in found) != done.cycles:
-        return None
-    return sum(round(day.mean * day.count) for day in found)
+    return Refused(number, done is None or sum(d.count for d in told.values()) == done.cycles)
 
 
 def counted(
