@@ -123,6 +123,15 @@ def test_a_noisier_sensor_of_the_first_cycles_leaves_no_reference():
     assert told.startswith("no reference: cycles 1 to 3 differ from those since")
 
 
+@pytest.mark.parametrize("mended", [11, 20])
+def test_a_sensor_that_is_mended_gives_no_reference_back(mended):
+    noise = 1e-3 * np.exp(0.1 * np.random.default_rng(4).standard_normal(60))
+    noise[3:mended] *= 4.0
+    told = {doubt_of_noise(np.arange(1, n + 1), noise[:n]) for n in range(mended, 61)}
+    assert len(told) == 1
+    assert told.pop().startswith("no reference: cycles 1 to 3 differ from those since")
+
+
 def test_a_further_product_needs_fewer_cycles():
     known = healthy(60, 2)[:SETTLED]
     vectors = healthy(60, 7)[:8] + 5.0

@@ -66,7 +66,9 @@ def noisier(cycles: IntArray, noise: FloatArray, product: IntArray | None = None
 
 
 def first_quieter(noise: FloatArray) -> int:
-    """Return how many of the first cycles all others are noisier than, 0 = none.
+    """Return how many of the first cycles those that follow are noisier than, 0 = none.
+
+    They are looked at as they came: what few of them showed stays when the sensor is mended.
 
     Parameters
     ----------
@@ -75,9 +77,12 @@ def first_quieter(noise: FloatArray) -> int:
     """
     known = np.flatnonzero(np.isfinite(noise) & (noise > 0.0))
     level = np.log(noise[known])
-    for first in reversed(range(_CONFIRM, min(_LEAST, len(level) - _LEAST + 1))):
-        if _rise(-level[first : first + _MOST], -level[:first])[0]:
-            return int(known[first])
+    for count in range(_CONFIRM + _LEAST, min(len(level), _CONFIRM + _MOST) + 1):
+        for first in reversed(range(_CONFIRM, min(_LEAST, count - _LEAST + 1))):
+            quiet, others = level[:first], level[first:count]
+            if _rise(-others, -quiet)[0]:
+                half = 0.5 * float(np.median(quiet) + np.median(others))
+                return int(known[first + int(np.argmax(others > half))])
     return 0
 
 
