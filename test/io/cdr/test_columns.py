@@ -19,6 +19,7 @@ from valve_twin.io.cdr import columns_kernel
 from valve_twin.io.cdr.codec import encode_series, encode_stamped
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.errors import BagError
+from valve_twin.io.mcap import reader
 
 START_NS = 1_577_836_800_000_000_000
 TOPIC = "/a"
@@ -307,7 +308,7 @@ def test_messages_outside_chunks_are_read_piece_by_piece(tmp_path, monkeypatch, 
             stamp = START_NS + i
             writer.add_message(channel, stamp, encode_stamped(stamp, float(i)), stamp)
         writer.finish()
-    monkeypatch.setattr(bag_signals, "_MOST_LOOSE", size)
+    monkeypatch.setattr(reader, "_PIECE", size)
     for found in both(monkeypatch, path, [SignalSource("a", TOPIC)]):
         assert found[0].values.tolist() == list(range(100))
 

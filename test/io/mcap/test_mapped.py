@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
+from mcap.writer import Writer
 
 from test.bag_samples import write_sample
 from valve_twin.io.bags.writer import BagWriter
@@ -48,6 +49,45 @@ except BagError as err:
 """
 """In a process of its own: without the check the system ends it."""
 
+CUT_MEANWHILE = """
+import os, sys
+from pathlib import Path
+from valve_twin.io.errors import BagError
+from valve_twin.io.mcap import reader
+from valve_twin.io.salvage import read, scan
+
+path, how = Path(sys.argv[1]), sys.argv[2]
+reader.STRIDE = scan.STRIDE = 0  # it is looked each time
+
+def cut():
+    os.truncate(path, 1000)
+
+def cutting(records):
+    for i, record in enumerate(records):
+        if i == 500:
+            cut()
+        yield record
+
+try:
+    if how == "messages":
+        reader._PIECE = 1 << 17
+        pieces = reader.McapFile(path).loose_messages()
+        next(pieces)
+        cut()
+        list(pieces)
+    elif how == "summary":
+        whole = reader.records_of
+        reader.records_of = lambda data: cutting(whole(data))
+        reader.McapFile(path)
+    else:
+        whole, steps = scan.Scan._step, cutting(iter(int, 1))  # zeros
+        scan.Scan._step = lambda self, at: whole(self, at) + next(steps)
+        read.salvage_file(path)
+except BagError as err:
+    print(err)
+"""
+"""The same for a file without chunks; what is read until the next check may end it still."""
+
 
 def make(path: Path, first: float = 0.0, chunks: int = LONG // 10) -> Path:
     with BagWriter(path) as writer:
@@ -70,6 +110,27 @@ def test_a_file_that_is_cut_while_it_is_read_ends_no_process(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout == f"{the_file(bag)}: {CHANGED}\n"
+
+
+@pytest.mark.parametrize("how", ["messages", "summary", "salvage"])
+def test_a_file_without_chunks_that_is_cut_while_it_is_read_ends_no_process(tmp_path, how):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        says = how == "messages"
+        writer = Writer(stream, use_chunking=False, use_statistics=says)
+        writer.start("ros2", "test")
+        channel = writer.register_channel(TOPIC, "cdr", 0)
+        for i in range(2000):
+            writer.add_message(channel, i, bytes(1000), i)
+        writer.finish()
+    done = subprocess.run(
+        [sys.executable, "-c", CUT_MEANWHILE, str(path), how],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"{path}: {CHANGED}\n"
 
 
 def test_a_file_that_is_written_anew_while_it_is_read_is_told(tmp_path):

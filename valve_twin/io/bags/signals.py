@@ -30,7 +30,7 @@ from valve_twin.io.cdr.layout import layout_of
 from valve_twin.io.cdr.signals import Extractor, SignalBlock, SignalSource
 from valve_twin.io.errors import BagError, IndexLiesError
 from valve_twin.io.mcap.index_check import Flaw
-from valve_twin.io.mcap.reader import messages, record_pieces
+from valve_twin.io.mcap.reader import messages
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -51,7 +51,6 @@ _MAX_EMPTY = 4_000_000
 """Rounds without samples that are gone through one by one: 46 days of seconds."""
 
 _MAX_CAPACITY = 1 << 24
-_MOST_LOOSE = 1 << 28
 _LAST_NS = 2**63 - 1
 
 
@@ -315,8 +314,7 @@ def _groups(parts: Sequence[_Part]) -> Iterator[list[tuple[_Part, ChunkIndex | N
 def _read_chunk(part: _Part, chunk: ChunkIndex | None, store: ColumnStore) -> int:
     """Add the samples of a chunk to the store; return its size [B], 0 where nothing is wanted."""
     if chunk is None:
-        pieces = record_pieces(part.file.loose_messages(), _MOST_LOOSE)
-        return sum(_read_data(part, piece, store) for piece in pieces)
+        return sum(_read_data(part, piece, store) for piece in part.file.loose_messages())
     file = part.file
     data = file.chunk_view(chunk)
     if part.walker is None or not file.sum_stands:

@@ -22,6 +22,9 @@ _FOREIGN = {
     b"\x28\xb5\x2f\xfd": "compressed as a whole file; unpack it with 'zstd -d'",
 }
 
+STRIDE = 1 << 16
+"""Bytes that may be looked into before it is checked again that the file is whole [B]."""
+
 _KNOWN_BY = 1 << 12
 """Bytes at either end of a file by which it is known again [B]."""
 

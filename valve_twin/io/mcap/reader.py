@@ -26,7 +26,7 @@ from valve_twin.io.mcap.format import (
     Op,
 )
 from valve_twin.io.mcap.index_check import Flaw, find_flaw
-from valve_twin.io.mcap.mapped import MappedFile
+from valve_twin.io.mcap.mapped import STRIDE, MappedFile
 from valve_twin.io.mcap.summary import Summary, contradiction, records_of
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from valve_twin.io.mcap.damage import Salvage
 
 
-_MODEST = 1 << 24
+_MODEST = _PIECE = 1 << 24
 _CHUNK_HEAD = struct.Struct("<QQQII")
 """First and last log time, decompressed size, check sum, length of the compression's name."""
 
@@ -287,11 +287,16 @@ class McapFile:
     def _damaged(self, index: ChunkIndex, what: str, remedy: str = _RECOVER) -> DamagedError:
         return DamagedError(f"{self.path}: chunk at byte {index.offset}: {what}; {remedy}")
 
-    def loose_messages(self) -> memoryview:
-        """Return the data section of a file that has messages outside chunks."""
-        if self._is_salvaged:
-            return memoryview(b"")
-        return self._view[len(MAGIC) :]
+    def loose_messages(self) -> Iterator[memoryview]:
+        """Yield the data section of a file that has messages outside chunks, piece by piece.
+
+        Raises
+        ------
+        BagError
+            If it was cut since it was opened.
+        """
+        if not self._is_salvaged:
+            yield from record_pieces(self._view[len(MAGIC) :], _PIECE, self._file.check_whole)
 
     def _read_summary(self) -> Summary:
         if len(self._map) < 2 * len(MAGIC) + FOOTER_SIZE or self._map[-len(MAGIC) :] != MAGIC:
@@ -339,8 +344,11 @@ class McapFile:
     def _scan(self, end: int) -> Summary:
         """Read the records of the data section one by one: the summary names no chunks."""
         summary = Summary()
-        data = self._view[len(MAGIC) : end]
+        data, checked = self._view[len(MAGIC) : end], 0
         for op, begin, stop in records_of(data):
+            if stop > checked:
+                self._file.check_whole()
+                checked = stop + STRIDE
             at = len(MAGIC) + begin - RECORD_HEAD.size
             if op == Op.CHUNK:
                 start, last, size, *_ = _CHUNK_HEAD.unpack_from(data, begin)
@@ -372,14 +380,31 @@ def _metadata_places(tail: bytes) -> dict[str, tuple[int, int]]:
     return places
 
 
-def record_pieces(data: memoryview, size: int) -> Iterator[memoryview]:
-    """Cut a long section between two records into pieces of about a size [B]."""
-    at = begin = 0
+def record_pieces(
+    data: memoryview, size: int, check: Callable[[], object] = lambda: None
+) -> Iterator[memoryview]:
+    """Cut a long section between two records into pieces of about a size [B].
+
+    Parameters
+    ----------
+    data : memoryview
+        The section.
+    size : int
+        Of a piece [B].
+    check : callable
+        Called before each stride and each piece is looked into.
+    """
+    at = begin = checked = 0
     while len(data) - begin > size and at + RECORD_HEAD.size <= len(data):
         if at - begin >= size:
+            check()
             yield data[begin:at]
-            begin = at
+            begin = checked = at
+        if at >= checked:
+            check()
+            checked = at + STRIDE
         at += RECORD_HEAD.size + RECORD_HEAD.unpack_from(data, at)[1]
+    check()
     yield data[begin:]
 
 

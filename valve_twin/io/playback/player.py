@@ -11,6 +11,7 @@ from __future__ import annotations
 import heapq
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import chain
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
@@ -231,8 +232,8 @@ class _Place:
         names = {i: topic_name(c.topic) for i, c in self.file.summary.channels.items()}
         wanted = {i for i, name in names.items() if name in topics}
         chunk = self.chunk
-        data = self.file.loose_messages() if chunk is None else self.file.chunk(chunk)
-        for m in messages(data, wanted):
+        pieces = self.file.loose_messages() if chunk is None else (self.file.chunk(chunk),)
+        for m in chain.from_iterable(messages(data, wanted) for data in pieces):
             yield BagMessage(names[m.channel], m.log_ns, m.publish_ns, bytes(m.data))
 
 

@@ -11,11 +11,9 @@ check sums, is handed on only after its messages were found plausible, and marke
 from __future__ import annotations
 
 import logging
-import mmap
 from typing import TYPE_CHECKING
 
-from valve_twin.io.errors import BagError
-from valve_twin.io.mcap.format import MAGIC
+from valve_twin.io.mcap.mapped import MappedFile
 from valve_twin.io.mcap.reader import McapFile, RawMessage, messages
 from valve_twin.io.salvage.scan import Scan
 
@@ -26,12 +24,6 @@ if TYPE_CHECKING:
     from valve_twin.io.mcap.damage import Salvage
 
 _LOGGER = logging.getLogger("valve_twin")
-
-
-def is_mcap(head: bytes, tail: bytes) -> bool:
-    """Return whether a file may once have been an MCAP file, by its first and last bytes."""
-    same = sum(a == b for a, b in zip(head, MAGIC, strict=False))
-    return same >= min(len(head), len(MAGIC)) - 1 or tail.endswith(MAGIC)
 
 
 _CACHE: dict[Path, tuple[tuple[int, int], Salvage]] = {}
@@ -83,20 +75,9 @@ def salvage_file(path: Path) -> Salvage:
     BagError
         If it cannot be opened or is no MCAP file.
     """
-    try:
-        with path.open("rb") as stream:
-            if not stream.seek(0, 2):
-                msg = f"{path}: the file is empty; nothing was recorded"
-                raise BagError(msg)
-            data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-    except OSError as err:
-        msg = f"{path}: cannot be read ({err.strerror}); check the path and its permissions"
-        raise BagError(msg) from err
-    with data:
-        if not is_mcap(data[: len(MAGIC)], data[-len(MAGIC) :]):
-            msg = f"{path}: is no MCAP file; give a bag that a ROS 2 recorder wrote"
-            raise BagError(msg)
-        return Scan(path, data).run()
+    file = MappedFile(path)
+    with file.data:
+        return Scan(path, file.data, file.check_whole).run()
 
 
 def salvaged_messages(path: Path, found: Salvage) -> Iterator[tuple[RawMessage, bool]]:

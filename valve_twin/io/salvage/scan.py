@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.io.mcap.damage import Loss, Salvage
 from valve_twin.io.mcap.format import MAGIC, RECORD_HEAD, ChunkIndex, Op, Statistics
+from valve_twin.io.mcap.mapped import STRIDE
 from valve_twin.io.mcap.summary import Summary
 from valve_twin.io.salvage.agreement import of_chunk, of_summary
 from valve_twin.io.salvage.chunk import read_heads, unpack
@@ -27,7 +28,7 @@ from valve_twin.io.salvage.tail import Tail, Trust, read_tail
 from valve_twin.io.salvage.walk import walk
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from mcap.records import Channel
@@ -57,10 +58,14 @@ class Scan:
         The file, for messages.
     data : bytes
         Its content.
+    check : callable
+        Called before each step into another part of it.
     """
 
-    def __init__(self, path: Path, data: Bytes) -> None:
-        self._path, self._data = path, data
+    def __init__(
+        self, path: Path, data: Bytes, check: Callable[[], object] = lambda: None
+    ) -> None:
+        self._path, self._data, self._check_whole = path, data, check
         self._tail: Tail = read_tail(data)
         self._end = self._tail.begin
         self._hints = {
@@ -79,9 +84,13 @@ class Scan:
         data = self._data
         if data[: len(MAGIC)] != MAGIC:
             self._tell(0, min(len(MAGIC), len(data)), "opening mark", "is damaged")
-        at = len(MAGIC)
+        at, checked = len(MAGIC), 0
         while at < self._end:
+            if at >= checked:
+                self._check_whole()
+                checked = at + STRIDE
             at = self._step(at)
+        self._check_whole()
         self._end_loose(self._end)
         for offset, length, what, why in self._tail.flaws:
             self._tell(offset, offset + length, what, why)
@@ -166,6 +175,7 @@ class Scan:
         """Keep the messages outside chunks that end here as a piece."""
         begin, self._loose_from = self._loose_from, None
         if begin is not None:
+            self._check_whole()
             records = bytes(self._data[begin:at])
             self._pieces.append(
                 Piece(begin, at - begin, False, records, walk(records), len(records))
@@ -233,6 +243,7 @@ class Scan:
             self._tell(0, 0, what, why)
         checks = Checks(known.copies, known.channels, str(self._path))
         for piece in self._pieces:
+            self._check_whole()
             if not piece.verified:
                 self._check(piece, checks, known.channels)
             self._complete_loss(piece, known.channels)
