@@ -396,7 +396,7 @@ class TestWriting:
 
     def test_names_a_folder_that_does_not_exist(self, data: ReportData, tmp_path: Path) -> None:
         with pytest.raises(
-            ValveTwinError, match=r"nowhere/r.html: the report cannot be written: No such file"
+            ValveTwinError, match=r"nowhere/r.html: cannot be written: No such file"
         ):
             write_report(data, tmp_path / "nowhere" / "r.html")
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from valve_twin import __version__
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
 from valve_twin.cli.output import shown
-from valve_twin.io.errors import ConfigError, IndexLiesError, ValveTwinError
+from valve_twin.io.errors import ConfigError, IndexLiesError, ValveTwinError, unusable
 
 if TYPE_CHECKING:
     import argparse
@@ -53,8 +53,6 @@ VERBS = {
 TRACE = "VALVE_TWIN_TRACE"
 """Environment variable that shows where something unexpected happened."""
 
-_ACCESS = "check the folder, its access rights and the free space"
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb.
@@ -89,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
     except OSError as err:
-        return fail(f"{err.filename or 'standard output'}: {err.strerror or err}; {_ACCESS}")
+        return fail(unusable(err.filename or "standard output", err))
     except KeyboardInterrupt:
         return fail("interrupted")
     except Exception as err:  # what was read is of foreign origin; no content may end in a trace

@@ -19,6 +19,16 @@ _OF_DISKS = {
     *(errno.ENOENT, errno.EACCES, errno.ENOTCONN, errno.ETIMEDOUT),
     *(getattr(errno, name, errno.EIO) for name in ("EHOSTDOWN", "ESTALE")),
 }
+_REMEDIES = {
+    errno.ENOSPC: "free some space",
+    errno.EDQUOT: "free some space",
+    errno.EFBIG: "free some space, or allow larger files",
+    errno.EROFS: "make the disk writable again",
+    errno.EACCES: "give this user the right to write there",
+    errno.EPERM: "give this user the right to write there",
+}
+"""What to do by what the system says of a disk that takes no more."""
+
 _SAID_OF_DISKS = ("disk is full", "readonly database", "unable to open", "disk i/o error")
 """What the system and SQLite say of a disk that is full, read-only, broken or not there: a folder
 that nothing is mounted on has no such file, or belongs to root."""
@@ -46,6 +56,33 @@ class StoreError(ValveTwinError):
 
 class FmuError(ValveTwinError):
     """A Functional Mock-up Unit cannot be made, read or run."""
+
+
+def unwritable(path: object, err: OSError) -> str:
+    """Return what is said of a file or folder that cannot be written: why, and what to do.
+
+    Parameters
+    ----------
+    path : object
+        It, as the user knows it.
+    err : OSError
+        What the system says.
+    """
+    return unusable(f"{path}: cannot be written", err)
+
+
+def unusable(path: object, err: OSError) -> str:
+    """Return what is said of a file or folder that cannot be used: why, and what to do.
+
+    Parameters
+    ----------
+    path : object
+        It, as the user knows it.
+    err : OSError
+        What the system says.
+    """
+    remedy = _REMEDIES.get(err.errno or 0, "check the folder, its access rights and free space")
+    return f"{path}: {err.strerror or err}: {remedy}"
 
 
 def may_pass(err: BaseException | None) -> bool:

@@ -13,7 +13,7 @@ from valve_twin.core.aging.series import in_force
 from valve_twin.core.aging.verdict import Outlook, outlook
 from valve_twin.core.faults.advice import FAILURE_MODES, advise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
-from valve_twin.io.errors import ValveTwinError
+from valve_twin.io.errors import ValveTwinError, unwritable
 from valve_twin.io.history.tiers.reading import told
 from valve_twin.io.whole import write_whole
 from valve_twin.report.budget import budget_section
@@ -96,11 +96,7 @@ def write_report(data: ReportData, path: str | Path) -> Path:
     try:
         write_whole(target, render_report(data))
     except OSError as err:
-        msg = (
-            f"{target}: the report cannot be written: {err.strerror or err}: "
-            "check the folder, its access rights and the free space"
-        )
-        raise ValveTwinError(msg) from err
+        raise ValveTwinError(unwritable(target, err)) from err
     return target
 
 

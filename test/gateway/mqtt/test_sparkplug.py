@@ -192,7 +192,9 @@ def test_a_disk_that_never_took_a_mark_loses_no_cycle(tmp_path, past, monkeypatc
     def refuse(path: Path, _: str) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
-    refused = pytest.raises(StoreError, match="cannot be written: No space left on device: no bro")
+    refused = pytest.raises(
+        StoreError, match="No space left on device: free some space; no broker"
+    )
     with monkeypatch.context() as harm:
         harm.setattr(backlog_module, "write_whole", refuse)
         if births:
@@ -236,8 +238,9 @@ def test_a_disk_that_takes_no_marks_any_more_keeps_no_cycle_from_the_broker(
         assert said.missed(past.view()) == []
         said.farewell()
     told = [r.getMessage() for r in caplog.records]
-    assert [t.partition(": after")[0] for t in told] == [
-        f"{tmp_path / 'state'}: cannot be written: Read-only file system"
+    assert [t.partition("; after")[0] for t in told] == [
+        f"{tmp_path / 'state'}: cannot be written: Read-only file system: make the disk writable"
+        " again"
     ]
     backlog.save()
     assert caplog.records[-1].getMessage() == f"{tmp_path / 'state'}: is written again"

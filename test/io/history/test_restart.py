@@ -138,7 +138,7 @@ def test_a_snapshot_that_costs_much_is_followed_by_a_rest(tmp_path, data, monkey
     life = Life(tmp_path / "h.db")
     life.push(data, 0, 100)
     assert not life.restart.is_resting
-    with pytest.raises(StoreError, match="cannot be written: the disk is full: free the disk"):
+    with pytest.raises(StoreError, match="cannot be written: the disk is full: free some"):
         life.save()
     resting = []
     for seconds in (0.5 * restarts.REST - 0.01, 0.02):

@@ -162,7 +162,7 @@ def test_a_folder_that_cannot_be_made_at_the_start_keeps_nobody_from_starting(
     graph.spin_until(lambda: valve._caught_up, what="the newest")
     told = capfd.readouterr().err
     assert (
-        told.count(f"state_folder {folder}: File exists: nothing is kept for the next start") == 1
+        told.count(f"state_folder {folder}: cannot be written: File exists: check the folder") == 1
     )
     assert told.count("[WARN]") == 1
     folder.unlink()
@@ -188,7 +188,7 @@ def test_what_could_not_be_written_is_tried_again_soon_and_at_the_end(tmp_path, 
     keeper = keeping.Keeper(str(tmp_path), config)
     buffer: Any = SimpleNamespace(counts={"a": keeping.EVERY}, state=None, place=dict)
     assert keeper.due(buffer)
-    with pytest.raises(StoreError, match="is not written: No space left on device: make room"):
+    with pytest.raises(StoreError, match="cannot be written: No space left on device: free"):
         keeper.saving(buffer, Memory())()
     keeper.done(failed=True)
     assert not keeper.due(buffer)

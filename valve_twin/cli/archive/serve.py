@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from valve_twin.cli.archive.fleet import aging_rules, nameplates
 from valve_twin.cli.common import OK, USAGE, add_url, add_verb, fail, say
 from valve_twin.compat import load_kernels_alone
-from valve_twin.io.errors import ConfigError
+from valve_twin.io.errors import ConfigError, unwritable
 from valve_twin.io.uncollected import uncollected
 
 if TYPE_CHECKING:
@@ -271,7 +271,7 @@ def _add_user(option: str, path: str | None, name: str) -> int:
         with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), "a") as out:
             out.write(f"{line}\n")
     except OSError as err:
-        return fail(f"{file}: cannot be written: {err.strerror or err}")
+        return fail(unwritable(file, err))
     say(f"{file}: user {name} may {'look' if 'opcua' in option else 'mark and acknowledge'}")
     return OK
 

@@ -28,6 +28,7 @@ _NEAR_END = 0.1  # share of its range from its end where an answer sets off, ass
 _SHORT = 0.1  # quantile of the intervals that counts as a short one, assumed
 _EVEN = 2.0  # long interval over a short one of a program with a rest in mid-range, assumed
 _MORE = 1.5  # times as often, assumed
+_LEAST_IN_MIDDLE = 10  # cycles; of fewer nobody knows whether it rests there or passes, assumed
 _EVENER = 0.5  # of that of the intervals from the lowest level, assumed
 _SHORTEST = 0.5  # of the shortest interval found: the least length that is proposed
 _INSIDE = 0.1  # share of its range from its ends where a command is in mid-range, assumed
@@ -107,14 +108,16 @@ def _from_reference(command: Signal, period_s: float) -> CyclePlan | None:
 
     That is its lowest level, or one in mid-range that it goes beyond both ways, if it stays there
     for longer and leaves it more evenly or more often: the lower half of that program is no rest.
+    A record of a few moves from there, as of a crane, tells more in windows than cut at each.
     """
     low, span = float(command.values.min()), float(np.ptp(command.values))
     lowest, share = _leaving(command, low), float(np.mean(command.values < low + _LEVEL * span))
     middle = low + _middle(command.values) * span
     here = float(np.mean(np.abs(command.values - middle) < 0.5 * _LEVEL * span))
     opened = _leaving(command, middle)
-    evener = _spread(opened) < _EVENER * _spread(lowest) or len(opened) > _MORE * len(lowest)
-    if evener and _spread(opened) < _EVEN and here >= max(share, _AT_REST):
+    spread, often = _spread(opened), len(opened) >= _LEAST_IN_MIDDLE
+    evener = spread < _EVENER * _spread(lowest) or len(opened) > _MORE * len(lowest)
+    if often and evener and spread < _EVEN and here >= max(share, _AT_REST):
         rest = middle
     elif share >= _AT_REST:
         rest, opened = low, lowest

@@ -10,7 +10,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, TextIO
 
 from valve_twin.io.bags.file import hold
-from valve_twin.io.errors import StoreError, ValveTwinError
+from valve_twin.io.errors import StoreError, ValveTwinError, unwritable
 from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
@@ -171,8 +171,8 @@ class Backlog:
             why = err.strerror or str(err)
             if why != self._unkept and self._saved["valves"] is not None:
                 _LOGGER.warning(
-                    "%s: cannot be written: %s: after a restart the broker is told again what it "
-                    "has: make room, or give this user the right to write there", self._path, why
+                    "%s; after a restart the broker is told again what it has",
+                    unwritable(self._path, err),
                 )  # fmt: skip
             self._unkept = why
             return
@@ -187,10 +187,7 @@ class Backlog:
         try:
             self._write()
         except OSError as err:
-            msg = (
-                f"{self._path}: cannot be written: {err.strerror or err}: no broker is told "
-                "before it can: make room, or give this user the right to write there"
-            )
+            msg = f"{unwritable(self._path, err)}; no broker is told before it can"
             raise StoreError(msg) from err
 
     def _now(self) -> dict[str, Any]:
@@ -213,8 +210,7 @@ def _held(path: Path) -> TextIO:
         msg = f"{path}: another `serve` keeps its marks there: name another --mqtt-state"
         raise StoreError(msg) from err
     except OSError as err:
-        msg = f"{path}: cannot be written: {err.strerror or err}"
-        raise StoreError(msg) from err
+        raise StoreError(unwritable(path, err)) from err
 
 
 def _load(path: Path, of: str) -> dict[str, Any]:

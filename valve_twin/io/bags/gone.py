@@ -10,19 +10,11 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from valve_twin.io.bags.metadata import FILE_NAME
-from valve_twin.io.errors import BagError
+from valve_twin.io.errors import BagError, unwritable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
-
-_REMEDIES = {
-    errno.ENOSPC: "free some space",
-    errno.EDQUOT: "free some space",
-    errno.EROFS: "make it writable again",
-    errno.EACCES: "give this user the right to write there",
-}
-"""What to do by what the disk says."""
 
 
 class LostFileError(BagError):
@@ -124,7 +116,7 @@ class OwnFolder:
             msg = f"{path}: exists already; give a new folder or remove it"
             raise BagError(msg) from None
         except OSError as err:
-            raise unwritable(path, err) from err
+            raise BagError(unwritable(path, err)) from err
 
     def is_own(self) -> bool:
         """Return whether its name leads to it still."""
@@ -169,18 +161,4 @@ def full(path: Path, err: OSError) -> BagError:
     path, err : Path, OSError
         What cannot be written, and why.
     """
-    remedy = _REMEDIES.get(err.errno or 0, "look after the disk")
-    return BagError(
-        f"{path}: cannot be written ({err.strerror}); {remedy}, what is written stays readable"
-    )
-
-
-def unwritable(path: Path, err: OSError) -> BagError:
-    """Return what is said of a folder in which nothing can be made.
-
-    Parameters
-    ----------
-    path, err : Path, OSError
-        The folder, and why.
-    """
-    return BagError(f"{path}: cannot be written ({err.strerror}); check the path and free space")
+    return BagError(f"{unwritable(path, err)}; what is written stays readable")

@@ -18,10 +18,9 @@ from valve_twin.io.bags.gone import (
     OwnFolder,
     full,
     stands,
-    unwritable,
 )
 from valve_twin.io.bags.metadata import FILE_NAME, FileEntry, metadata_map, metadata_text
-from valve_twin.io.errors import BagError
+from valve_twin.io.errors import BagError, unwritable
 from valve_twin.io.mcap.writer import CHUNK_SIZE
 from valve_twin.io.whole import sync_folder, write_whole
 
@@ -249,7 +248,7 @@ class RollingFiles:
             if file is not None:
                 with suppress(OSError):
                     file.remove()
-            raise unwritable(self.path, err) from err
+            raise BagError(unwritable(self.path, err)) from err
         self._next += 1
         for topic in list(self._topics.values()):
             topic.channel_in(file)
@@ -446,4 +445,4 @@ class RollingFiles:
         try:
             self._write_metadata()
         except OSError as err:
-            raise unwritable(self.path, err) from err
+            raise BagError(unwritable(self.path, err)) from err

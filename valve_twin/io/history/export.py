@@ -27,9 +27,10 @@ import sqlalchemy as sa
 
 from valve_twin.core.records import columns, fields, flat
 from valve_twin.core.types import Estimate
-from valve_twin.io.errors import StoreError
+from valve_twin.io.errors import StoreError, unwritable
 from valve_twin.io.history.check_sums import sound_rows
 from valve_twin.io.history.database import Database
+from valve_twin.io.history.errors import explain
 from valve_twin.io.history.tables import (
     CHECK_SUM,
     CONDENSATE,
@@ -218,12 +219,10 @@ def _writing(target: Path) -> Iterator[None]:
     """Turn the system's errors about a target into one line."""
     try:
         yield
-    except (OSError, sqlite3.Error) as err:
-        why = err.strerror if isinstance(err, OSError) and err.strerror else str(err)
-        msg = (
-            f"{target}: cannot be written: {why}: check the folder, its access rights and the free"
-            " space"
-        )
+    except OSError as err:
+        raise StoreError(unwritable(target, err)) from err
+    except sqlite3.Error as err:
+        msg = f"{target}: cannot be written: {explain(err, sqlite=True)}"
         raise StoreError(msg) from err
 
 

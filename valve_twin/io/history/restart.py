@@ -25,7 +25,7 @@ from valve_twin.core.rejoin import Rejoin
 from valve_twin.core.state import Resume
 from valve_twin.core.twin import EFFECT_DELAY, Event, Twin
 from valve_twin.core.valves.registry import get_model, model_module
-from valve_twin.io.errors import StoreError
+from valve_twin.io.errors import StoreError, unwritable
 from valve_twin.io.history.snapshot import Origin, load_snapshot, save_snapshot
 from valve_twin.io.sealed import flush
 
@@ -157,8 +157,7 @@ class Restart:
         try:
             save_snapshot(path, origin, state)
         except OSError as err:
-            msg = f"{path}: cannot be written: {err.strerror}: free the disk, or mount it to write"
-            raise StoreError(msg) from err
+            raise StoreError(unwritable(path, err)) from err
         finally:
             end_s = time.monotonic()
             self._rests_until_s = end_s + REST * (taken_s + end_s - begin_s)

@@ -20,7 +20,7 @@ import numpy as np
 from valve_twin.core.quantity import suggest
 from valve_twin.io.bags.contents import bag_info, bag_types, compare_with_data, topic_name
 from valve_twin.io.bags.signals import read_columns
-from valve_twin.io.errors import BagError
+from valve_twin.io.errors import BagError, unwritable
 from valve_twin.io.limits import no_formula
 from valve_twin.io.playback.player import read_messages
 
@@ -240,8 +240,7 @@ def write_table(table: Table, path: Path) -> None:
     except OSError as err:
         with suppress(OSError):  # of a folder that takes nothing
             beside.unlink(missing_ok=True)
-        msg = f"{path}: cannot be written ({err.strerror}); check the folder and the free space"
-        raise BagError(msg) from err
+        raise BagError(unwritable(path, err)) from err
 
 
 def _write_csv(table: Table, path: Path) -> None:

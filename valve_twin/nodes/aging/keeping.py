@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.past.stored import freeze
-from valve_twin.io.errors import StoreError
+from valve_twin.io.errors import StoreError, unwritable
 from valve_twin.io.history.aging.file import load, origin_of, pack, write
 
 if TYPE_CHECKING:
@@ -63,8 +63,8 @@ class Keeper:
                 place.mkdir(parents=True, exist_ok=True)
             except OSError as err:
                 self.trouble = (
-                    f"state_folder {place}: {err.strerror}: nothing is kept for the next start "
-                    "meanwhile: make it a folder that can be written"
+                    f"state_folder {unwritable(place, err)}; nothing is kept for the next start"
+                    " meanwhile"
                 )
             self._path = place / f"aging{config.name.replace('/', '.')}"
 
@@ -125,8 +125,7 @@ class Keeper:
                 self._path.parent.mkdir(parents=True, exist_ok=True)  # where somebody removed it
                 write(self._path, content)
             except OSError as err:
-                msg = f"{self._path}: is not written: {err.strerror}: make room, or name another"
-                raise StoreError(msg) from err
+                raise StoreError(unwritable(self._path, err)) from err
 
     def _origin(self) -> dict[str, Any]:
         return origin_of(self._config.name, self._config.model)

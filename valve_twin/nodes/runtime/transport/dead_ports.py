@@ -6,9 +6,9 @@ Fast DDS gives a new process the port of a dead one, while a publisher may still
 one's memory open: what it publishes then comes seconds late or never, to any reader of the new
 process. The file `fastrtps_portN_el` (`fastdds_portN_el` of Fast DDS 3) is locked by whom the port
 belongs to, so a lock that can be had tells of the dead. Where there is such a port, a node that
-starts keeps off shared memory. So does every later one as long as a process lives that had one
-open: the port looks alive again once somebody took it, and a twin that took the port of the one
-before the last, which had kept off it, heard nothing for 10 to 18 s.
+starts keeps off shared memory. So does every later one as long as a process has that very memory
+open, told by its inode: the port looks alive again once somebody took it, and a twin that took the
+port of the one before the last, which had kept off it, heard nothing for 10 to 18 s.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ _FIRST_PORT, _PORTS = 7400, 250
 
 _NAME = r"(fast(?:rtps|dds)_port(\d+))"
 _PORT = re.compile(_NAME)
-_MAPPED = re.compile(rf"/{_NAME}( \(deleted\))?$", re.MULTILINE)
+_MAPPED = re.compile(rf" (\d+) +/\S*/{_NAME}( \(deleted\))?$", re.MULTILINE)
+"""The end of a line of a process's maps: inode, path and whether it has been removed."""
 
 _UNBORN_S = 2.0
 """A port that is empty for so long has no maker any more: to make one takes microseconds [s]."""
@@ -77,9 +78,9 @@ def has_dead_port(
     for path in processes.glob("[0-9]*/maps"):
         with suppress(OSError):  # it has just ended, or belongs to somebody else
             text = path.read_text(encoding="utf-8", errors="replace")
-            found = [m for m in _MAPPED.finditer(text) if first <= int(m[2]) < first + _PORTS]
-            ports |= {(m[1], bool(m[3])) for m in found}
-            users |= {path.parent.name for _ in found[:1]}
+            found = [m for m in _MAPPED.finditer(text) if first <= int(m[3]) < first + _PORTS]
+            ports |= {(m[2], bool(m[4])) for m in found}
+            users |= {f"{path.parent.name}:{m[1]}" for m in found}
     note = memory / f"valve_twin_dead_port_{domain}"
     if any(gone or _is_dead(memory / f"{name}_el") for name, gone in ports):
         _take_down(note, users)
@@ -88,7 +89,7 @@ def has_dead_port(
 
 
 def _take_down(note: Path, users: set[str]) -> None:
-    """Remember who had a dead one's memory open."""
+    """Remember who had what open when one was dead."""
     with suppress(OSError):  # of another user, whose nodes took the same down
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
         file = os.open(note, flags, 0o644)
