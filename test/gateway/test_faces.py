@@ -4,20 +4,36 @@
 
 from __future__ import annotations
 
+import asyncio
+import json
 import logging
+import shutil
+import sqlite3
 import threading
 import time
+from contextlib import closing
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import pytest
 
 pytest.importorskip("asyncua", reason="needs the extra gateway")
 pytest.importorskip("foxglove", reason="needs the extra gateway")
+pytest.importorskip("pysparkplug", reason="needs the extra gateway")
 
-from test.gateway.test_web import store
+from asyncua import Client, ua
+
+from test.gateway.mqtt.brokers import GROUP, NODE, Listener, Mosquitto
+from test.gateway.test_web import Server, store
+from test.io.history.test_fleet import estimate, record
 from valve_twin.gateway.faces import faces
 from valve_twin.gateway.opcua.server import OpcUaFace
 from valve_twin.gateway.plant import Plant
 from valve_twin.io.config.gateway_parameters import FaceParameters
+from valve_twin.io.history.store import History
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 LIMIT_S = 60.0
 
@@ -72,3 +88,80 @@ def test_no_face_waits_for_the_first_reading_and_each_shows_the_valves_after_it(
             until(lambda: "/b/twin/estimate" in foxglove._channels, "Foxglove")
     finally:
         logging.getLogger("asyncua").setLevel(level)
+
+
+def store_later(path: Path, cycles: range) -> None:
+    """Store cycles that were made an hour behind those that `store` stores."""
+    values = {"K_in": 0.01, "K_out": 0.045, "leak": 1e-3}
+    with History(path) as history:
+        for cycle in cycles:
+            last, found = record(cycle), estimate(cycle, values)
+            end_ns = last.end_ns + 3600 * 10**9
+            history.store("/v", replace(last, end_ns=end_ns), (replace(found, end_ns=end_ns),))
+
+
+async def opcua_says(address: str) -> tuple[int, str, str, bool]:
+    """Return cycle, its status, the failure and whether the history can be read."""
+    async with Client(address) as client:
+        own = await client.get_namespace_index("urn:valve_twin:valves")
+        cycle = await client.get_node(ua.NodeId("/v#Cycle", own)).read_data_value(False)
+        failure = await client.get_node(ua.NodeId("History#Failure", own)).read_value()
+        readable = await client.get_node(ua.NodeId("History#Readable", own)).read_value()
+        return cycle.Value.Value, cycle.StatusCode.name, failure, readable
+
+
+def test_every_face_says_that_a_history_is_gone_and_loses_nothing_of_the_backup_in_its_place(
+    tmp_path,
+):
+    """A process as a user starts it; the backup is far behind and the twin has gone on since."""
+    path, backup = tmp_path / "history.sqlite", tmp_path / "backup.sqlite"
+    files = [path, path.with_name("history.sqlite-wal"), path.with_name("history.sqlite-shm")]
+    store(path, "/v", range(1, 6), 0.0)
+    with closing(sqlite3.connect(path)) as own, closing(sqlite3.connect(backup)) as copy:
+        own.backup(copy)
+    store(path, "/v", range(6, 9), 0.0)
+    broker = Mosquitto(tmp_path)
+    listener = Listener(broker)
+    mqtt = ("--mqtt", broker.address, "--mqtt-group", GROUP, "--mqtt-node", NODE)
+    opcua = ("--opcua", "opc.tcp://127.0.0.1:0", "--anonymous", "--opcua-pki", str(tmp_path))
+    server = Server(path, *mqtt, "--mqtt-state", str(tmp_path / "state"), *opcua)
+    (address,) = [word for word in server.begun.split() if word.startswith("opc.tcp")]
+    try:
+        until(lambda: listener.of("DBIRTH", "v"), "a birth")
+        store(path, "/v", range(9, 11), 0.0)
+        until(lambda: (10, False) in listener.cycles("v"), "cycle 10")
+        for file in files:
+            file.unlink(missing_ok=True)
+        until(lambda: server.get("/health")[0] == 503, "a word")
+        until(lambda: listener.of("DDEATH", "v"), "the death of a device")
+        assert listener.of("NDATA")[-1].values["history/readable"] is False
+        assert "<b>Stale.</b>" in server.get("/")[1]
+        assert "<b>Stale.</b>" in server.get("/valve/v")[1]
+        one = json.loads(server.get("/api/valves/v")[1])
+        assert (one["cycle"], one["stale"]) == (10, True)
+        metrics = server.get("/metrics")[1]
+        assert "valve_twin_history_up 0.0" in metrics
+        assert "/v" not in metrics
+        until(lambda: not asyncio.run(opcua_says(address.strip(",")))[3], "OPC UA")
+        cycle, status, failure, _ = asyncio.run(opcua_says(address.strip(",")))
+        assert (cycle, status) == (10, "UncertainLastUsableValue")
+        assert "there is no such file" in failure
+
+        aside = tmp_path / "aside.sqlite"
+        shutil.copy(backup, aside)
+        store_later(aside, range(6, 13))
+        aside.replace(path)
+        until(lambda: server.get("/health")[0] == 200, "a history that is back")
+        until(lambda: (12, False) in listener.cycles("v"), "cycle 12")
+        assert {cycle for cycle, _ in listener.cycles("v")} == set(range(1, 13))
+        assert json.loads(server.get("/api/valves/v")[1])["stale"] is False
+        until(lambda: asyncio.run(opcua_says(address.strip(",")))[:2] == (12, "Good"), "OPC UA")
+        assert 'valve_twin_cycle{valve="/v"} 12.0' in server.get("/metrics")[1]
+    finally:
+        assert server.end() == 0
+        broker.kill()
+        listener.end()
+    said = server.said().splitlines()
+    assert len(said) == 2, said
+    assert "no such file" in said[0]
+    assert said[1].endswith("is read again")

@@ -5,9 +5,11 @@
 from __future__ import annotations
 
 import json
+import os
 import sqlite3
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -15,6 +17,7 @@ import pytest
 from starlette.requests import Request
 
 from test.gateway.test_web import store
+from test.io.history.test_fleet import estimate, record
 from valve_twin.core.aging.verdict import Verdict, VerdictKind
 from valve_twin.gateway import plant as module
 from valve_twin.gateway.live.told import Told
@@ -24,14 +27,12 @@ from valve_twin.gateway.web import Site, _Pages
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.fleet import describe_valve, ranked
+from valve_twin.io.history.store import History
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from valve_twin.core.aging.config import AgingConfig
-    from valve_twin.io.history.store import History
 
-
+VALUES = {"K_in": 0.01, "K_out": 0.045, "leak": 1e-3}
 PAUSES = {name: getattr(module, name) for name in ("REFRESH_S", "RETRY_S", "REST")}
 
 
@@ -138,6 +139,52 @@ def test_a_history_that_goes_and_comes_back_is_told_once_each(path, monkeypatch,
         f"{path}: cannot be opened: there is no such file: check the path; what was read before "
         "is shown meanwhile",
         f"{path}: is read again",
+    ]
+
+
+def test_a_log_that_is_deleted_is_let_go_for_the_twin_to_make_another(path, caplog):
+    """What was deleted stayed open: the twin had mended it, and nothing could be read any more."""
+    with History(path) as twin:
+        twin.store("/a", record(4), (estimate(4, VALUES),))
+        plant = Plant(str(path))
+        assert {r.valve: r.cycle for r in plant.view().rows}["/a"] == 4
+        Path(f"{path}-wal").unlink()
+        lost = plant.view()
+        assert "its write-ahead log (-wal) was deleted or cut: a twin that w" in lost.failure
+        assert {r.valve: r.cycle for r in lost.rows}["/a"] == 4
+        twin.store("/a", record(5), (estimate(5, VALUES),))
+        back = plant.view()
+        assert not back.failure
+        assert {r.valve: r.cycle for r in back.rows}["/a"] == 5
+    assert len(caplog.records) == 2
+
+
+def test_a_history_that_cannot_be_read_is_let_go_for_whoever_mends_it(path, monkeypatch):
+    """The files of a cut log stayed in use, so that nobody could begin a new one."""
+    store(path, "/a", range(4, 5), 0.0)
+    plant = Plant(str(path))
+    plant.view()
+    store(path, "/a", range(5, 8), 0.0)
+    os.truncate(f"{path}-wal", 0)
+    for _ in range(module.MOST_TRIES):
+        assert "disk I/O error" in plant.view().failure
+    with pytest.raises(StoreError, match="I/O error"):
+        plant.estimates("/a", 1, 10)
+    store(path, "/a", range(5, 7), 0.0)
+    assert {r.valve: r.cycle for r in plant.view().rows}["/a"] == 6
+    assert not plant.view().failure
+
+
+def test_a_history_that_is_not_there_yet_is_told_by_who_waits_for_it(path, caplog):
+    aside = path.rename(path.with_name("aside"))
+    plant = Plant(str(path), waits=True)
+    for _ in range(3):
+        assert "no such file" in plant.view().failure
+    aside.rename(path)
+    assert len(plant.view().rows) == 2
+    assert [r.getMessage() for r in caplog.records] == [
+        f"{path}: cannot be opened: there is no such file: check the path; waiting",
+        f"{path}: is read",
     ]
 
 

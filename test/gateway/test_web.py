@@ -49,7 +49,7 @@ class Server:
             told.append(self.process.stderr.readline())
             assert told[-1], told
             found = re.search(rf"{scheme}://127\.0\.0\.1:\d+", told[-1])
-        self.address = found.group()
+        self.begun, self.address = "".join(told), found.group()
         self._lines: list[str] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

@@ -107,7 +107,8 @@ _OF_PARAMETERS: tuple[tuple[str, str, Callable[[Trend], float]], ...] = (
 def exposition(view: View) -> bytes:
     """Return the metrics of all valves in the text format; what is not known is left out.
 
-    So is a valve that is yet to be assessed; `valve_twin_history_whole` is 0 then.
+    So is a valve that is yet to be assessed; `valve_twin_history_whole` is 0 then. And so is one
+    that is stale: the history cannot be read, `valve_twin_history_up` is 0, and no node tells it.
 
     Parameters
     ----------
@@ -125,7 +126,17 @@ def exposition(view: View) -> bytes:
         registry=registry,
     )
     whole.set(view.whole)
-    rows = [row for row in view.rows if view.whole or row.valve in view.trends]
+    read = Gauge(
+        "valve_twin_history_read_seconds",
+        "When it was read last [s since 1970]; 0 = never.",
+        registry=registry,
+    )
+    read.set(view.read_ns * 1e-9)
+    rows = [
+        row
+        for row in view.rows
+        if (view.whole or row.valve in view.trends) and not view.is_stale(row.valve)
+    ]
     states = Gauge(
         "valve_twin_ne107",
         "1 for the state of NAMUR NE 107.",
@@ -148,9 +159,9 @@ def exposition(view: View) -> bytes:
                 gauge.labels(row.valve, *of_row).set(value(row))
     for name, text, number in _OF_PARAMETERS:
         gauge = Gauge(name, text, ["valve", "parameter", "unit"], registry=registry)
-        for valve, trends in view.trends.items():
-            for trend in trends:
+        for row in rows:
+            for trend in view.trends.get(row.valve, ()):
                 if math.isfinite(number(trend)):
-                    gauge.labels(valve, trend.parameter, trend.unit).set(number(trend))
+                    gauge.labels(row.valve, trend.parameter, trend.unit).set(number(trend))
     found: bytes = generate_latest(registry)
     return found

@@ -38,6 +38,8 @@ def plain_valve(view: View, row: FleetRow) -> dict[str, object]:
 def plain_words(view: View, row: FleetRow) -> dict[str, object]:
     """Return as plain data what running nodes say of a valve beside its verdict.
 
+    And whether all of it is stale: the history cannot be read, and no node tells it.
+
     Parameters
     ----------
     view : View
@@ -47,7 +49,11 @@ def plain_words(view: View, row: FleetRow) -> dict[str, object]:
     """
     last = view.last.get(row.valve)
     faults = plain_faults(view.faults_of(row.valve))
-    return {"last": None if last is None else asdict(last), "faults": faults}
+    return {
+        "last": None if last is None else asdict(last),
+        "faults": faults,
+        "stale": view.is_stale(row.valve),
+    }
 
 
 def plain_faults(faults: Sequence[NodeFault]) -> list[dict[str, object]]:

@@ -47,6 +47,10 @@ RETRY_S = 1.0
 WAIT_S = 0.5
 """Who looks while the history is read waits at most so long, then sees what there was [s]."""
 
+MOST_TRIES = 3
+"""A history that could not be read so often in a row is let go and opened anew [1]: who mends a
+disk or a file may need it closed."""
+
 LATE_S = 30.0
 """A reading that gets on with no valve for longer, as with a database that does not answer any
 more, is told [s]."""
@@ -125,6 +129,9 @@ class Plant:
         What is given of a nameplate, by name of the valve.
     told : Told, optional
         What running nodes say on their topics, which goes before the history; None = none are.
+    waits : bool
+        Whether one that cannot be read at first is told and waited for; else whoever opens it
+        says so.
     """
 
     def __init__(
@@ -133,6 +140,8 @@ class Plant:
         aging: Mapping[str, AgingConfig] | None = None,
         nameplates: Mapping[str, Mapping[str, str]] | None = None,
         told: Told | None = None,
+        *,
+        waits: bool = False,
     ) -> None:
         self._url, self._aging, self._told = url, dict(aging or {}), told
         self._nameplates = dict(nameplates or {})
@@ -144,7 +153,7 @@ class Plant:
         self._states: dict[str, tuple[Mark, ValveState]] = {}
         self._courses: dict[str, tuple[float, ...]] = {}
         self._details = DetailsOf()
-        self._told_failure = ""
+        self._told_failure, self._failures, self._waits = "", 0, waits
         self._first, self._begun = threading.Event(), _FirstReading("", {}, {}, {})
 
     @property
@@ -289,9 +298,7 @@ class Plant:
         ValveTwinError
             If the history cannot be read.
         """
-        history = self._history
-        if history is None:
-            raise StoreError(self._view.failure)
+        history = self._open_one()
         found: list[StoredCycle | None] = []
         for number in numbers:
             record = next(iter(history.cycles(valve, number, 1)), None)
@@ -310,8 +317,7 @@ class Plant:
         ValveTwinError
             If the history cannot be read.
         """
-        history = self._history
-        found = history.cycles(valve, 0, 1) if history is not None else []
+        found = self._open_one().cycles(valve, 0, 1)
         return found[0].cycle if found else 0
 
     def estimates(self, valve: str, first_cycle: int, limit: int) -> list[Estimate]:
@@ -331,10 +337,13 @@ class Plant:
         ValveTwinError
             If the history cannot be read.
         """
+        return self._open_one().estimates(valve, None, first_cycle, limit, used_by_trend=True)
+
+    def _open_one(self) -> History:
         history = self._history
         if history is None:
-            return []
-        return history.estimates(valve, None, first_cycle, limit, used_by_trend=True)
+            raise StoreError(self._view.failure or f"{self.where}: is being opened")
+        return history
 
     def _read(self) -> None:
         known: dict[str, tuple[Mark, ValveState]] = {}
@@ -356,10 +365,14 @@ class Plant:
             so_far = self._begun.view()  # empty but for a first reading
             self._view = replace(so_far if so_far.rows else self._view, failure=str(err))
             self._begun = _FirstReading("", {}, {}, {})
-            if self._view.read_ns:  # else whoever opened it says so
+            if self._view.read_ns or self._waits:
                 self._tell(str(err))
+            self._failures += 1
+            if self._failures % MOST_TRIES == 0:
+                self._let_go()
             return
         self._tell("")
+        self._failures = 0
         states = [state for _, state in self._states.values()]
         found = _shown(states, nameless, history.where, self._nameplates)
         self._view = replace(found, courses=dict(self._courses), whole=True)
@@ -368,20 +381,26 @@ class Plant:
     def _tell(self, failure: str) -> None:
         """Say once that the history cannot be read, and once that it is read again."""
         if failure and not self._told_failure:
-            _LOGGER.warning("%s; what was read before is shown meanwhile", failure)
+            known = "what was read before is shown meanwhile" if self._view.read_ns else "waiting"
+            _LOGGER.warning("%s; %s", failure, known)
         elif self._told_failure and not failure:
-            _LOGGER.warning("%s: is read again", self.where)
+            again = " again" if self._view.read_ns else ""
+            _LOGGER.warning("%s: is read%s", self.where, again)
         self._told_failure = failure
 
     def _opened(self) -> History:
         if self._history is not None and self._history.moved:
-            self._history.close()
-            self._history = None
+            self._let_go()
         if self._history is None:
             self._states, self._courses = {}, {}
             self._details.clear()
             self._history = History(self._url, read_only=True)
         return self._history
+
+    def _let_go(self) -> None:
+        if self._history is not None:
+            self._history.close()
+            self._history = None
 
     def _state(self, history: History, valve: str, mark: Mark) -> tuple[Mark, ValveState]:
         """Return the state of a valve; whatever is wrong with what is stored spoils no other."""

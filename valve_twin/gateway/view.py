@@ -98,6 +98,8 @@ class View:
         The cycle that a running twin closed last, by name of the valve.
     faults : tuple of NodeFault
         What is wrong with the nodes now, worst first.
+    told : frozenset of str
+        Valves whose verdict a running node tells.
     """
 
     rows: tuple[FleetRow, ...] = ()
@@ -112,6 +114,11 @@ class View:
     live: bool = False
     last: Mapping[str, LastCycle] = field(default_factory=dict)
     faults: tuple[NodeFault, ...] = ()
+    told: frozenset[str] = frozenset()
+
+    def is_stale(self, valve: str) -> bool:
+        """Return whether what is shown of a valve was read before, and nobody tells it now."""
+        return bool(self.failure) and valve not in self.told
 
     def row(self, valve: str) -> FleetRow | None:
         """Return the row of a valve; None where nothing is known of it."""

@@ -12,6 +12,8 @@ from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.verdict import Verdict, VerdictKind
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.gateway.live.told import UNSTORED, Told
+from valve_twin.gateway.metrics import exposition
+from valve_twin.gateway.plain import plain_words
 from valve_twin.gateway.view import LastCycle, NodeFault, View
 from valve_twin.io.history.fleet import FleetRow
 
@@ -51,6 +53,19 @@ def test_a_verdict_ranks_its_valve_and_keeps_what_is_stored(told):
     assert view.verdicts[A] is WORD
     told.judge(A, None)
     assert row_of(over(told), A) is STORED
+
+
+def test_what_a_node_tells_is_not_stale_where_the_history_cannot_be_read(told):
+    assert not over(told).is_stale(A)
+    gone = replace(VIEW, failure="no disk")
+    assert over(told, gone).is_stale(A)
+    told.judge(A, WORD)
+    view = over(told, gone)
+    assert [row.valve for row in view.rows if view.is_stale(row.valve)] == ["/elsewhere"]
+    assert plain_words(view, row_of(view, "/elsewhere"))["stale"] is True
+    shown = exposition(view).decode()
+    assert f'valve_twin_cycle{{valve="{A}"}} 20.0' in shown
+    assert "/elsewhere" not in shown
 
 
 def test_the_same_words_are_the_same_objects(told):

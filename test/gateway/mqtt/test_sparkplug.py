@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import queue
 import random
@@ -41,18 +42,25 @@ if TYPE_CHECKING:
 
 
 class Past:
-    """Stored cycles 1 .. n of valves; counts how often it is asked."""
+    """Stored cycles 1 .. n of valves; counts how often it is asked.
+
+    Those from `later` on were made after all others, as behind a backup.
+    """
 
     def __init__(self, **last):
-        self.last, self.asked = last, 0
+        self.last, self.asked, self.later = last, 0, math.inf
+
+    def end_ns(self, cycle):
+        return cycle + 10**6 * (cycle >= self.later)
 
     def read(self, valve, first, limit):
         self.asked += 1
-        last = self.last[valve]
-        return [made(cycle) for cycle in range(first, min(first + limit, last + 1))]
+        cycles = range(first, min(first + limit, self.last[valve] + 1))
+        return [replace(made(cycle), end_ns=self.end_ns(cycle)) for cycle in cycles]
 
     def view(self):
-        return View(tuple(FleetRow(v, cycle=n, end_ns=n) for v, n in self.last.items()))
+        rows = (FleetRow(v, cycle=n, end_ns=self.end_ns(n)) for v, n in self.last.items())
+        return View(tuple(rows))
 
 
 @pytest.fixture
@@ -164,6 +172,59 @@ def test_of_a_history_that_is_yet_to_be_read_nothing_counts_as_stored_later(tmp_
     past.last["a"] += 1
     assert [(v, e.cycle) for v, e, _ in backlog.take(past.view())] == [("a", 4)]
     backlog.close()
+
+
+@pytest.mark.parametrize("begins_anew", [False, True])
+@pytest.mark.parametrize("confirmed", [False, True])
+def test_behind_a_backup_no_cycle_is_lost_however_far_it_is_by_then(
+    tmp_path, past, begins_anew, confirmed
+):
+    """The numbers behind it are given again: those up to the mark counted as told."""
+    backlog = Backlog(tmp_path / "state", past.read, "a broker")
+    assert list(backlog.take(past.view())) == []
+    if confirmed:
+        past.last["a"] = 5
+        for valve, estimate, _ in backlog.take(past.view()):
+            backlog.confirm(valve, estimate.cycle)
+        backlog.save()
+    mark, past.later = past.last["a"], 3
+    if begins_anew:
+        backlog.close()
+        backlog = Backlog(tmp_path / "state", past.read, "a broker")
+    past.last["a"] = mark + 2
+    told = [e.cycle for v, e, _ in backlog.take(past.view()) if v == "a"]
+    assert told == [*range(1, mark + 3)]
+    for cycle in told:
+        backlog.confirm("a", cycle)
+    past.last["a"] += 1
+    assert [e.cycle for v, e, _ in backlog.take(past.view()) if v == "a"] == [mark + 3]
+    backlog.close()
+
+
+def test_marks_of_a_version_that_kept_no_times_go_on(tmp_path, past):
+    (tmp_path / "state").write_text('{"of": "a broker", "birth": 7, "valves": {"a": 2, "b": 2}}')
+    backlog = Backlog(tmp_path / "state", past.read, "a broker")
+    assert [(v, e.cycle) for v, e, _ in backlog.take(past.view())] == [("a", 3)]
+    backlog.confirm("a", 3)
+    backlog.save()
+    backlog.close()
+    assert json.loads((tmp_path / "state").read_text())["ends"] == {"a": 3}
+
+
+def test_a_device_whose_history_cannot_be_read_is_dead_until_it_can_and_owes_its_cycles(
+    speaker, past
+):
+    (sent, *_) = speaker.missed(past.view())
+    gone = replace(past.view(), failure="no disk", told=frozenset("b"))
+    messages = speaker.changed(gone)
+    assert [m.topic.split("/", 2)[2] for m in messages] == ["NDATA/node", "DDEATH/node/a"]
+    assert speaker.changed(gone) == speaker.missed(gone) == []
+    speaker.heard(sent.topic, sent.payload)  # on its way before
+    past.last["a"] = 4
+    back = speaker.changed(past.view()) + speaker.missed(past.view())
+    assert [m.topic.split("/", 2)[2] for m in back] == [
+        *("NDATA/node", "DBIRTH/node/a", "DDATA/node/a")
+    ]
 
 
 def test_the_marks_belong_to_one_at_a_time(tmp_path, past):

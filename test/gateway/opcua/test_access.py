@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from datetime import datetime, timedelta, timezone
 
 import pytest
@@ -15,7 +16,8 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
-from valve_twin.gateway.opcua.access import check_pair
+from test.small_disk import PAGE_B, small_disk
+from valve_twin.gateway.opcua.access import _load_own, check_pair
 from valve_twin.io.errors import ConfigError
 
 DAY = timedelta(days=1)
@@ -66,3 +68,27 @@ def test_a_key_of_another_certificate_is_refused(tmp_path):
     (tmp_path / "key.pem").write_bytes(key)
     with pytest.raises(ConfigError, match=r"certificate.der: does not belong to .*key.pem"):
         check_pair(tmp_path)
+
+
+class Taker:
+    """A server that takes whatever it is given."""
+
+    async def load_certificate(self, path) -> None:
+        self.certificate = path
+
+    load_private_key = load_certificate
+
+
+def test_a_disk_that_takes_only_one_of_a_new_pair_keeps_none_and_is_told_what_it_is(tmp_path):
+    """The key stayed without its certificate, and had to be removed by hand for the next start."""
+    with small_disk(tmp_path / "disk", "1m") as disk:
+        disk.fill(PAGE_B)
+        with pytest.raises(ConfigError, match="pki: cannot be written: No space left") as caught:
+            asyncio.run(_load_own(Taker(), disk.place / "pki"))
+        assert isinstance(caught.value.__cause__, OSError)  # by which a node tries again
+        assert list((disk.place / "pki").iterdir()) == []
+        disk.empty()
+        asyncio.run(_load_own(Taker(), disk.place / "pki"))
+        made = sorted((disk.place / "pki").iterdir())
+        assert [path.name for path in made] == ["certificate.der", "key.pem"]
+        assert made[1].stat().st_mode & 0o77 == 0

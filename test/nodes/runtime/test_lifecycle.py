@@ -180,6 +180,44 @@ def test_a_start_that_a_disk_keeps_back_is_tried_again_and_told_once(
     assert node.tries == 4
 
 
+class Held(BagRecorderNode):
+    """A recorder whose activation a disk holds up so many times."""
+
+    left = 3
+
+    def activate(self) -> None:
+        self.left -= 1
+        if self.left >= 0:
+            msg = "/data/state: cannot be written"
+            raise BagError(msg) from OSError(errno.EROFS, "Read-only file system")
+        super().activate()
+
+
+def test_an_activation_that_a_disk_keeps_back_is_tried_again_and_told_once(
+    graph, tmp_path, monkeypatch, capfd
+):
+    """The node stayed inactive for good."""
+    monkeypatch.setattr(runtime, "RETRY_S", 0.05)
+    node = graph.host(Held, bag=str(tmp_path / "bag"))
+    assert node.state == "inactive"
+    graph.spin_until(lambda: node.state == "active", what="a start")
+    told = capfd.readouterr().err
+    assert told.count("cannot activate: /data/state: cannot be written") == 1
+    assert "is configured: what kept it from that" not in told
+    assert node._retry is None
+
+
+def test_who_cleans_up_a_node_that_waits_for_its_disk_has_it_left_alone(
+    graph, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(runtime, "RETRY_S", 0.2)
+    node = graph.host(Held, bag=str(tmp_path / "bag"))
+    assert node._retry is not None
+    node.trigger_cleanup()
+    graph.spin(0.5)
+    assert node.state == "unconfigured"
+
+
 def test_an_error_of_the_system_that_nobody_put_into_words_is_told_once_too(
     graph, tmp_path, monkeypatch, capfd
 ):

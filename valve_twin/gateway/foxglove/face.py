@@ -151,11 +151,12 @@ class FoxgloveFace:
             if not asked and now_s < due_s:
                 pause_s = PAUSE_S
                 continue
+            view = self._view()
             try:
-                self._step(self._view(), asked, periodic=now_s >= due_s)
+                self._step(view, asked, periodic=now_s >= due_s)
                 told, asked = "", set()
             except ValveTwinError as err:
-                if str(err) != told:
+                if str(err) != told and not view.failure:  # else the history is told already
                     _LOGGER.warning("Foxglove: %s", err)
                 told = str(err)
             except Exception:
@@ -241,6 +242,7 @@ def _conditions(view: View) -> Iterator[Condition]:
         trends = view.trends.get(row.valve, ())
         beyond = [t for t in trends if t.status is TrendStatus.BEYOND_THRESHOLD]
         level = _ERROR if beyond else _WARN if row.needs_attention else _OK
+        level = _STALE if view.is_stale(row.valve) else level
         drifts = {f"{t.parameter} drift [%]": f"{t.drift_reference:.2f}" for t in trends}
         values = {
             "verdict": row.verdict.text,

@@ -160,6 +160,7 @@ class Told:
             live=True,
             last={valve: one.last for valve, one in said.items() if one.last is not None},
             faults=tuple(sorted(faults, key=_worst_first)),
+            told=frozenset(valve for valve, one in said.items() if one.verdict is not None),
         )
 
     def _judge(self, stored: Judged, said: _Said, rules: Callable[[str], AgingConfig]) -> Judged:

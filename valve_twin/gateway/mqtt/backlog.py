@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 from collections import deque
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -24,6 +25,9 @@ _LOGGER = logging.getLogger("valve_twin")
 
 PAGE = 50
 """Cycles of a valve that are read at a time [1]."""
+
+BACK = 3
+"""Where new cycles of a valve are read, so many before them are looked at, too [1]."""
 
 BIRTHS = 256
 """Births are numbered modulo this [1]."""
@@ -57,14 +61,15 @@ class Backlog:
         self._path, self._read, self._of = path, read, of
         self._held = _held(path)
         try:
-            new: dict[str, Any] = {"of": of, "birth": 0, "valves": None}
+            new: dict[str, Any] = {"of": of, "birth": 0, "valves": None, "ends": {}}
             kept = _load(path, of) if path.exists() else new
         except StoreError:
             self.close()
             raise
         self._birth: int = kept["birth"]
         self._marks: dict[str, int] | None = kept["valves"]
-        self._pending: dict[str, deque[int]] = {}
+        self._ends: dict[str, int] = kept.get("ends", {})
+        self._pending: dict[str, deque[Estimate]] = {}
         self._seen: dict[str, int] = {}
         self._all_of: View | None = None
         self._saved, self._unkept = kept, ""
@@ -110,25 +115,24 @@ class Backlog:
             return
         if self._marks is None:
             self._marks = {row.valve: row.cycle for row in view.rows}
+            self._ends = {row.valve: row.end_ns for row in view.rows}
             self._begin()
         marks, whole = self._marks, True
         for row in view.rows:
-            if row.cycle < marks.get(row.valve, 0):  # another history
-                marks[row.valve] = 0
-                self._pending.pop(row.valve, None)
+            if row.cycle < marks.get(row.valve, 0):
+                self._begin_anew(row.valve)
             if self._seen.get(row.valve) == row.cycle:
                 continue
-            pending = self._pending.setdefault(row.valve, deque())
-            sent = pending[-1] if pending else marks.get(row.valve, 0)
             try:
-                found = self._read(row.valve, sent + 1, PAGE)
+                found = self._next(row.valve)
             except ValveTwinError:  # told by the view; tried again
                 whole = False
                 continue
+            pending = self._pending.setdefault(row.valve, deque())
             for estimate in found:
                 if estimate.cycle > row.cycle:  # newer than the view: with the next one
                     break
-                pending.append(estimate.cycle)
+                pending.append(estimate)
                 yield row.valve, estimate, estimate.cycle == row.cycle
             if len(found) < PAGE:
                 self._seen[row.valve] = row.cycle
@@ -136,6 +140,29 @@ class Backlog:
                 whole = False
         if whole:
             self._all_of = view
+
+    def _next(self, valve: str) -> list[Estimate]:
+        """Return the next cycles of a valve; of another history the first ones.
+
+        Of a backup in the place of the history the numbers behind it are given again.
+        """
+        assert self._marks is not None
+        pending, mark = self._pending.get(valve), self._marks.get(valve, 0)
+        sent = pending[-1].cycle if pending else mark
+        end_ns = pending[-1].end_ns if pending else self._ends.get(valve, math.inf)
+        first = max(1, sent + 1 - BACK)
+        found = self._read(valve, first, PAGE + sent + 1 - first)
+        if any(e.cycle <= sent and e.end_ns > end_ns for e in found):
+            self._begin_anew(valve)
+            return self._read(valve, 1, PAGE)
+        return [e for e in found if e.cycle > sent][:PAGE]
+
+    def _begin_anew(self, valve: str) -> None:
+        """Take it that there is another history: what the broker has was of the one before."""
+        assert self._marks is not None
+        self._marks[valve] = 0
+        for of in (self._ends, self._pending, self._seen):
+            of.pop(valve, None)
 
     def confirm(self, valve: str, cycle: int) -> None:
         """Note that the broker handed a cycle on; one that was dropped before is sent again.
@@ -148,10 +175,10 @@ class Backlog:
             Its number.
         """
         pending = self._pending.get(valve)
-        if not pending or cycle not in pending:
+        if not pending or cycle not in {e.cycle for e in pending}:
             return
-        if pending[0] == cycle and self._marks is not None:
-            pending.popleft()
+        if pending[0].cycle == cycle and self._marks is not None:
+            self._ends[valve] = pending.popleft().end_ns
             self._marks[valve] = cycle
         else:
             pending.clear()
@@ -192,7 +219,8 @@ class Backlog:
 
     def _now(self) -> dict[str, Any]:
         marks = None if self._marks is None else dict(self._marks)
-        return {"of": self._of, "birth": self._birth, "valves": marks}
+        ends = dict(self._ends)
+        return {"of": self._of, "birth": self._birth, "valves": marks, "ends": ends}
 
     def _write(self) -> None:
         now = self._now()
@@ -218,8 +246,10 @@ def _load(path: Path, of: str) -> dict[str, Any]:
         kept = json.loads(path.read_text(encoding="utf-8"))
         marks = kept["valves"]
         known = isinstance(kept["birth"], int) and isinstance(kept["of"], str)
-        sound = known and (
-            marks is None or all(isinstance(cycle, int) for cycle in marks.values())
+        sound = known and all(
+            isinstance(number, int)
+            for of in (marks or {}, kept.get("ends", {}))
+            for number in of.values()
         )
     except OSError as err:
         msg = f"{path}: cannot be read: {err.strerror or err}"

@@ -223,12 +223,15 @@ class SparkplugSpeaker:
     def _renewed(self, view: View) -> list[Message]:
         found = []
         self._valves = {device_id(row.valve): row.valve for row in view.rows}
-        for name in [name for name in self._devices if name not in self._valves]:
+        live = {n for n, valve in self._valves.items() if not view.is_stale(valve)}
+        for name in [name for name in self._devices if name not in live]:
             del self._devices[name], self._shown[name]
             death = DDeath(_now_ms(), self._next())
             found.append(self._message(MessageType.DDEATH, death.encode(), name))
         for row in view.rows:
             name = device_id(row.valve)
+            if name not in live:  # dead until the history can be read again
+                continue
             shown = view.made_of(row)
             before_it = self._shown.get(name)
             if before_it and all(a is b for a, b in zip(before_it, shown, strict=True)):

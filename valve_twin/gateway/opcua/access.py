@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
@@ -23,11 +26,10 @@ from cryptography.hazmat.primitives.serialization import Encoding, load_pem_priv
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from valve_twin.compat import policies_of, sessions_of
-from valve_twin.io.errors import ConfigError
+from valve_twin.io.errors import ConfigError, unwritable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from pathlib import Path
 
     from asyncua import Server
 
@@ -235,8 +237,7 @@ async def _load_own(server: Server, folder: Path) -> None:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             await _make_own(certificate, key)
     except OSError as err:
-        msg = f"{err.filename or folder}: {err.strerror or err}: check the access rights"
-        raise ConfigError(msg) from err
+        raise ConfigError(unwritable(folder, err)) from err
     check_pair(folder)
     await server.load_certificate(certificate)
     await server.load_private_key(key)
@@ -272,15 +273,31 @@ def check_pair(folder: Path) -> None:
 
 
 async def _make_own(certificate: Path, key: Path) -> None:
-    await setup_self_signed_certificate(
-        key,
-        certificate,
-        APPLICATION,
-        socket.gethostname(),
-        [ExtendedKeyUsageOID.SERVER_AUTH],
-        {"organizationName": "valve_twin"},
-    )
-    await asyncio.to_thread(key.chmod, 0o600)
+    """Make both beside their places: a disk that takes only one of them leaves none."""
+    with TemporaryDirectory(prefix=".", dir=key.parent) as beside:
+        made = Path(beside) / key.name, Path(beside) / certificate.name
+        await setup_self_signed_certificate(
+            *made,
+            APPLICATION,
+            socket.gethostname(),
+            [ExtendedKeyUsageOID.SERVER_AUTH],
+            {"organizationName": "valve_twin"},
+        )
+        await asyncio.to_thread(_put, made, (key, certificate))
+
+
+def _put(made: tuple[Path, Path], places: tuple[Path, Path]) -> None:
+    made[0].chmod(0o600)
+    for part in made:
+        with part.open("rb+") as file:
+            os.fsync(file.fileno())
+    try:
+        for part, place in zip(made, places, strict=True):
+            part.replace(place)
+    except OSError:
+        for place in places:
+            place.unlink(missing_ok=True)
+        raise
 
 
 def _line(err: Exception) -> str:

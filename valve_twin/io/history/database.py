@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 _ADVISORY_LOCK = 0x56414C56
 """Key of the PostgreSQL lock that lets one process at a time upgrade the schema ("VALV")."""
 
+_LACKS_LOG = "unable to get the page. error code=522"
+"""What SQLite says of a page that stands nowhere, though the index of the log knows it."""
+
 
 class Database:
     """Connections to one database; every error that leaves it is a `StoreError` of one line.
@@ -267,7 +270,7 @@ class Database:
 
     def _open(self) -> None:
         if self.file is not None:
-            if self.read_only and not self.file.exists():
+            if self.read_only and not self.file.is_file():
                 msg = f"{self.where}: cannot be opened: there is no such file: check the path"
                 raise StoreError(msg)
             with self.engine.connect() as connection:
@@ -307,6 +310,13 @@ class Database:
 
     def _check_content(self, connection: Connection) -> None:
         problem = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
+        if _LACKS_LOG in str(problem):
+            msg = (
+                f"{self.where}: cannot be read: its write-ahead log (-wal) was deleted or cut: a"
+                " twin that writes it mends that with its next cycle; where none does, stop all"
+                " that has it open, then try again"
+            )
+            raise StoreError(msg)
         if problem != "ok":
             msg = (
                 f"{self.where}: the file is damaged ({str(problem).splitlines()[-1]}): move it"

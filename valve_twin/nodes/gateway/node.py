@@ -94,7 +94,7 @@ class GatewayNode(ValveNode):
         aging = {name: config.aging for name, config in self._configs.items()}
         plates = {name: config.nameplate.given for name, config in self._configs.items()}
         self._told = Told({name: config.model for name, config in self._configs.items()})
-        self._plant = Plant(next(iter(urls)), aging, plates, self._told)
+        self._plant = Plant(next(iter(urls)), aging, plates, self._told, waits=True)
         given = self._given = self.parameters.read(GatewayParameters)
         place = Place(given.host, given.port, given.certificate, given.key)
         told = check_place(place, accounts=bool(given.users))

@@ -133,6 +133,8 @@ class ValveNode(LifecycleNode):
         super().on_activate(state)
         done = self._guarded(self.activate, "activate")
         if done:
+            self._refusal = None
+            self._end_retry()
             self.get_logger().info("is active")
         else:
             self._guarded(self.deactivate, "deactivate")
@@ -146,6 +148,7 @@ class ValveNode(LifecycleNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up."""
         del state
+        self._end_retry()
         self._guarded(self.cleanup, "clean up")
         return _SUCCESS
 
@@ -169,17 +172,17 @@ class ValveNode(LifecycleNode):
 
     def _begin(self) -> None:
         """Configure and activate; what a disk keeps from it is tried again until it can be."""
-        before = self._refusal
+        before, begun = self._refusal, self.state == "inactive"
         try:
             with termination.breaking_off():
-                configured = self.trigger_configure() == _SUCCESS
+                begun = begun or self.trigger_configure() == _SUCCESS
         except KeyboardInterrupt:
             return
-        if configured:
-            if before is not None:
+        if begun:
+            if before is not None and self._refusal is None:
                 self.get_logger().info("is configured: what kept it from that is over")
-            self.trigger_activate()
-        elif may_pass(self._refusal):
+            begun = self.trigger_activate() == _SUCCESS
+        if not begun and may_pass(self._refusal):
             self._retry = self.create_timer(self._pause_s, self._begin_again, clock=STEADY)
             self._pause_s = min(2.0 * self._pause_s, LAST_RETRY_S)
 
@@ -191,7 +194,7 @@ class ValveNode(LifecycleNode):
 
     def _begin_again(self) -> None:
         self._end_retry()
-        if self.state != "unconfigured":  # as where it was shut down
+        if self.state not in {"unconfigured", "inactive"}:  # as where it was shut down
             return
         self._refusal_told = type(self._refusal).__name__, str(self._refusal)
         self._begin()
@@ -250,9 +253,10 @@ class ValveNode(LifecycleNode):
             said = str(err)
             if not isinstance(err, ValveTwinError):
                 said = f"{type(err).__name__}: {err}\n{traceback.format_exc()}"
-            if what != "configure" or (type(err).__name__, str(err)) != self._refusal_told:
+            begins = what in {"configure", "activate"}
+            if not begins or (type(err).__name__, str(err)) != self._refusal_told:
                 self.get_logger().error(f"cannot {what}: {said}")
-            if what == "configure":
+            if begins:
                 self._refusal = err
         else:
             return True

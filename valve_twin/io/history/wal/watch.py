@@ -71,6 +71,7 @@ class FileWatch:
         self._since_s = math.inf
         self.index = IndexWatch(self._log)
         self._frozen: tuple[object, ...] | None = None
+        self._reads_only = False
 
     @property
     def is_known(self) -> bool:
@@ -85,6 +86,7 @@ class FileWatch:
         read_only : bool
             Whether nothing is to be written.
         """
+        self._reads_only = read_only
         if not read_only:
             return "rw" if self.is_known else "rwc"
         found = self._seen()
@@ -103,9 +105,15 @@ class FileWatch:
         return False
 
     def adopt_index(self) -> None:
-        """Watch the index, which SQLite has open now unless nobody writes the file."""
-        if self._frozen is None:
-            self.index.adopt()
+        """Watch the index, which SQLite has open now unless nobody writes the file.
+
+        Of who only reads, the log, too: while one that was deleted is held, there can be no other.
+        """
+        if self._frozen is not None:
+            return
+        self.index.adopt()
+        if self._reads_only and self._log_identity is None:
+            self._log_identity = _identity(_status(self._log))
 
     def begin(self) -> None:
         """Watch the log, too, which is there from now on; one that was watched is let go."""
@@ -143,7 +151,7 @@ class FileWatch:
             return Trouble.DELETED
         if found != self._identity:
             return Trouble.REPLACED
-        if self.log_copy is not None and not self.log_is_own():
+        if self._log_identity is not None and not self.log_is_own():
             return Trouble.LOG_DELETED
         trouble = self._index_trouble()
         if trouble is not None or self.log_copy is None:
@@ -160,7 +168,7 @@ class FileWatch:
         """Return what happened to the index of the log, while file and log are those opened."""
         with suppress(OSError):  # nobody can tell: what is open can still be read
             is_own = not self.is_known or _identity(_status(self._file)) == self._identity
-            if is_own and (self.log_copy is None or self.log_is_own()):
+            if is_own and (self._log_identity is None or self.log_is_own()):
                 return self._index_trouble()
         return None
 
