@@ -78,10 +78,14 @@ class Server:
         try:
             return self.process.wait(30)
         finally:
-            self.process.kill()
-            self._reader.join(30)
-            assert self.process.stderr is not None
-            self.process.stderr.close()
+            self.kill()
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait(30)
+        self._reader.join(30)
+        assert self.process.stderr is not None
+        self.process.stderr.close()
 
 
 INTERRUPTED = """

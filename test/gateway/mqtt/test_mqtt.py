@@ -69,6 +69,9 @@ class Speaker:
     def farewell(self):
         return [Message("death", b"")]
 
+    def look(self, view):
+        """Take no note."""
+
     def will(self):
         return Message("death", b"")
 

@@ -28,7 +28,8 @@ from test.gateway.mqtt.brokers import (
     make_pair,
     wait_until,
 )
-from test.gateway.test_web import store
+from test.gateway.test_web import Server, store
+from test.small_disk import small_disk
 from valve_twin.gateway import plant as plant_module
 from valve_twin.gateway.mqtt import face as face_module
 from valve_twin.gateway.mqtt.backlog import Backlog
@@ -176,3 +177,56 @@ def test_a_wrong_password_and_an_authority_that_is_not_trusted_are_told(
             assert "certificate verify failed" in caplog.text
     finally:
         broker.kill()
+
+
+def test_a_full_disk_under_the_marks_loses_no_cycle_and_doubles_few(tmp_path):
+    """From the first start on, over a kill and a start while it is full."""
+    history, last = tmp_path / "history.sqlite", 5
+    store(history, VALVE, range(1, last + 1), 0.0)
+    broker = Mosquitto(tmp_path)
+    listener = Listener(broker)
+
+    def start() -> Server:
+        mqtt = ("--mqtt", broker.address, "--mqtt-group", GROUP, "--mqtt-node", NODE)
+        return Server(history, *mqtt, "--mqtt-state", str(disk.place / "state"))
+
+    def more() -> None:
+        nonlocal last
+        last += 2
+        store(history, VALVE, range(last - 1, last + 1), 0.0)
+
+    def wait_heard() -> None:
+        wait_until(lambda: (last, False) in listener.cycles(DEVICE), f"cycle {last}")
+
+    with small_disk(tmp_path / "disk", "1m") as disk:
+        disk.fill()
+        server = start()
+        try:
+            wait_until(
+                lambda: "no broker is told before" in server.begun + server.said(), "a word"
+            )
+            more()
+            disk.empty()
+            wait_heard()
+            wait_until(lambda: f'": {last}' in (disk.place / "state").read_text(), "marks")
+            disk.fill()
+            more()
+            wait_heard()
+            wait_until(lambda: "is told again what it has" in server.said(), "a word")
+            server.kill()
+            server = start()
+            more()
+            wait_heard()
+            disk.empty()
+            wait_until(lambda: "is written again" in server.said(), "a word")
+        finally:
+            assert server.end() == 0
+            broker.kill()
+            listener.end()
+        state = json.loads((disk.place / "state").read_text())
+    counts = Counter(cycle for cycle, _ in listener.cycles(DEVICE))
+    assert sorted(counts) == list(range(6, last + 1))
+    assert {cycle for cycle, count in counts.items() if count > 1} <= {8, 9}
+    assert max(counts.values()) == 2
+    assert state["valves"] == {VALVE: last}
+    assert "Traceback" not in server.said()

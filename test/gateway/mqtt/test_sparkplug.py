@@ -227,6 +227,21 @@ def test_a_device_whose_history_cannot_be_read_is_dead_until_it_can_and_owes_its
     ]
 
 
+def test_what_is_stored_before_a_first_connection_is_owed_from_the_first_look_on(tmp_path, past):
+    """A broker that came late, or a disk that took the marks late, was told nothing of it."""
+    backlog = Backlog(tmp_path / "state", past.read, "a broker")
+    for view in (View(whole=False), past.view()):
+        backlog.look(view)
+        backlog.next_birth()  # of a broker that is not there
+        past.last["a"] += 1
+    backlog.close()
+    again = Backlog(tmp_path / "state", past.read, "a broker")
+    past.last["a"] += 1
+    again.look(past.view())
+    assert [(v, e.cycle) for v, e, _ in again.take(past.view())] == [("a", n) for n in (4, 5, 6)]
+    again.close()
+
+
 def test_the_marks_belong_to_one_at_a_time(tmp_path, past):
     first = Backlog(tmp_path / "state", past.read, "a broker")
     with pytest.raises(StoreError, match=r"state: another `serve` keeps its marks there"):

@@ -98,6 +98,18 @@ class Backlog:
         """Begin again behind what is confirmed: of what was under way nothing is known."""
         self._pending, self._seen, self._all_of = {}, {}, None
 
+    def look(self, view: View) -> None:
+        """Begin with what is stored from now on, where nothing is known of what was before.
+
+        Parameters
+        ----------
+        view : View
+            What the history holds; one that cannot be read, or was not yet, tells nothing.
+        """
+        if self._marks is None and view.whole and not view.failure:
+            self._marks = {row.valve: row.cycle for row in view.rows}
+            self._ends = {row.valve: row.end_ns for row in view.rows}
+
     def take(self, view: View) -> Iterator[tuple[str, Estimate, bool]]:
         """Yield the next cycles to be sent, valve by valve: valve, estimate, whether the newest.
 
@@ -113,10 +125,9 @@ class Backlog:
         """
         if view.failure or not view.whole or view is self._all_of:
             return
-        if self._marks is None:
-            self._marks = {row.valve: row.cycle for row in view.rows}
-            self._ends = {row.valve: row.end_ns for row in view.rows}
-            self._begin()
+        self.look(view)
+        self._begin()
+        assert self._marks is not None
         marks, whole = self._marks, True
         for row in view.rows:
             if row.cycle < marks.get(row.valve, 0):
@@ -209,7 +220,7 @@ class Backlog:
 
     def _begin(self) -> None:
         """Keep the first marks: without, a restart takes what was stored meanwhile for told."""
-        if self._saved["valves"] is not None:
+        if self._saved["valves"] is not None or self._now() == self._saved:
             return
         try:
             self._write()

@@ -71,6 +71,9 @@ class Speaker(Protocol):
     def subscriptions(self) -> tuple[str, ...]:
         """Topics to be heard."""
 
+    def look(self, view: View) -> None:
+        """Take note of what there is, before each try to connect."""
+
     def will(self) -> Message:
         """Return what the broker says when the next connection breaks."""
 
@@ -135,6 +138,7 @@ class MqttFace:
         pause_s = FIRST_PAUSE_S
         while not self._end.is_set():
             begun_s = time.monotonic()
+            self._speaker.look(self._view())
             why = self._connection()
             if self._end.is_set():
                 return

@@ -43,6 +43,9 @@ class JsonSpeaker:
         self._said: dict[str, bytes] = {}
         self._made: dict[str, _Made] = {}
 
+    def look(self, view: View) -> None:
+        """Take no note: all that is stored is said at each connection."""
+
     def will(self) -> Message:
         """Return what the broker says when we are gone."""
         return self._message("online", False)

@@ -102,6 +102,10 @@ class SparkplugSpeaker:
         commands = self._topic(MessageType.NCMD)
         return commands, self._topic(MessageType.DDATA, "+")
 
+    def look(self, view: View) -> None:
+        """Take note of what there is: what comes later is owed, however late the broker is."""
+        self.backlog.look(view)
+
     def will(self) -> Message:
         """Return the death that belongs to the next birth."""
         self._birth_number = self.backlog.next_birth()
