@@ -20,7 +20,8 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter, lfiltic
 
 from valve_twin.cli import main
-from valve_twin.core.estimation.cycle.sequence import Memory, evaluate, model_in_force
+from valve_twin.core.estimation.cycle.memory import Memory, model_in_force
+from valve_twin.core.estimation.cycle.sequence import evaluate
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, join_frames
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config.valve import ValveConfig, load_config

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from valve_twin.cli import main
-from valve_twin.core.estimation.cycle.sequence import Memory, evaluate, model_in_force
+from valve_twin.core.estimation.cycle.memory import Memory, model_in_force
+from valve_twin.core.estimation.cycle.sequence import evaluate
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Frames, ParameterStatus
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config.valve import load_config

@@ -57,7 +57,7 @@ def test_predictions_are_compiled_ahead_for_valves_that_can_be_simulated(
         monkeypatch.setattr(warmup, name, lambda *_: None)
     monkeypatch.setattr(warmup, "predict_once", lambda name, _: predicted.add(name))
     monkeypatch.setattr(warmup, "_simulate_shown", shown.add)
-    monkeypatch.setattr("valve_twin.core.aging.warm_up", lambda: None)
+    monkeypatch.setattr("valve_twin.core.aging.cutting.ahead.warm_up", lambda: None)
     warmup.main(words)
     assert predicted == (valves or {"double_solenoid"})
     assert shown == {"double_solenoid"}  # the one that is shown by another file than its own

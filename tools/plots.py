@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING
 import fmpy
 import numpy as np
 
-from valve_twin.core.aging import AgingConfig, assess
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.physics.solenoid_map import coil_force as solenoid_force
 from valve_twin.core.prediction import fit_percent
 from valve_twin.core.simulation import AgingRule, simulate_cycles, to_frames

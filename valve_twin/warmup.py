@@ -77,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """
     import argparse  # a twin runs what stands here, too, and needs a megabyte less without it
 
-    from valve_twin.core import aging
+    from valve_twin.core.aging.cutting import ahead
 
     parser = argparse.ArgumentParser(prog="python -m valve_twin.warmup", description=__doc__)
     parser.add_argument("--demo", metavar="VALVE", nargs="?", const="")
@@ -87,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         _warm_up_demo(demo)
     else:
         _warm_up_all()
-    aging.warm_up()
+    ahead.warm_up()
 
 
 def _warm_up_demo(valve: str) -> None:
@@ -227,7 +227,8 @@ def predict_once(name: str, rule: CycleRule) -> None:
 
 def _estimate_wave(model: ValveModel, changed: Mapping[str, object]) -> None:
     """Estimate a made-up cycle for kernels that no simulation reaches: output follows command."""
-    from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+    from valve_twin.core.estimation.cycle.memory import Memory
+    from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 
     period_s, count = 0.1, 200
     wave = np.sin(0.2 * np.arange(count))

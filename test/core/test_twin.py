@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 
 from valve_twin.core.alignment import SignalRange
 from valve_twin.core.cycle_config import CycleConfig
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation import SimulatedValve
 from valve_twin.core.twin import ClockJump, Estimated, Job, Twin, TwinConfig
 from valve_twin.core.types import Cycle, CycleRule, Prediction, join_blocks

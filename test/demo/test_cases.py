@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation import AgingRule, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant

@@ -308,7 +308,8 @@ def children(pid: int) -> list[int]:
 
 def fill(database: Path, valves: int) -> None:
     """Store what a twin remembers, so that its memory is full from the first cycle on."""
-    from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+    from valve_twin.core.estimation.cycle.memory import Memory
+    from valve_twin.core.estimation.cycle.sequence import estimate_cycle
     from valve_twin.core.types import Cycle, Frames
     from valve_twin.core.valves.registry import complete_options, get_model
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from valve_twin.core.aging import AgingConfig, assess
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,

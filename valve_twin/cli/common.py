@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from contextlib import AbstractContextManager
 
-    from valve_twin.core.aging import Assessment
+    from valve_twin.core.aging.assess import Assessment
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.io.offline.run import Record
     from valve_twin.progress import Steps

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from valve_twin.core.cycle_rules import RuleState
-    from valve_twin.core.estimation.cycle.sequence import InForce, Memory
+    from valve_twin.core.estimation.cycle.memory import InForce, Memory
     from valve_twin.core.types import Cycle, FloatArray, Frames, IntArray
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from valve_twin.core.alignment import Aligner, SignalCounts, SignalRange
 from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.cycles import Closing, Segmenter
-from valve_twin.core.estimation.cycle.sequence import InForce, Memory, model_in_force
+from valve_twin.core.estimation.cycle.memory import InForce, Memory, model_in_force
 from valve_twin.core.job_queue import JobQueue
 from valve_twin.core.prediction import residuals, restart_marks, run_model
 from valve_twin.core.state import TwinState, join_parts

@@ -196,7 +196,7 @@ def _merge(tree: dict[str, object], more: dict[str, object]) -> None:
 
 def _injected_drift_is_found(case: Case, config_file: Path) -> bool:
     """Compare the stored history's trend with the truth of the simulated valve."""
-    from valve_twin.core.aging import assess
+    from valve_twin.core.aging.assess import assess
     from valve_twin.core.valves.registry import get_model
     from valve_twin.io.config.valve import load_config
     from valve_twin.io.history.store import History

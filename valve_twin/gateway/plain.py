@@ -13,7 +13,7 @@ from valve_twin.core.aging.verdict import outlook
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from valve_twin.core.aging import Trend
+    from valve_twin.core.aging.verdict import Trend
     from valve_twin.gateway.view import NodeFault, View
     from valve_twin.io.history.fleet import FleetRow
 

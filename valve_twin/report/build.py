@@ -12,16 +12,16 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from valve_twin import __version__
-from valve_twin.core.aging import assess
+from valve_twin.core.aging.assess import assess
 from valve_twin.core.operation.step_metrics import measure_steps
 from valve_twin.core.operation.stroke_due import stroke_due
 from valve_twin.core.quantity import describe, example
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import History
+from valve_twin.io.history.tiers.extent import condensed
 from valve_twin.io.history.tiers.reading import (
     condensates,
-    condensed,
     condensed_refused,
     undisturbed,
     whole_past,
@@ -39,7 +39,7 @@ from valve_twin.report.signals import signals_of
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from valve_twin.core.aging import Assessment
+    from valve_twin.core.aging.assess import Assessment
     from valve_twin.core.aging.config import AgingConfig
     from valve_twin.core.valves.error_budget import Budget
     from valve_twin.io.config.valve import ValveConfig

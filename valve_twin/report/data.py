@@ -13,7 +13,7 @@ from valve_twin.io.history.tiers.reading import NONE_REFUSED, counted
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from valve_twin.core.aging import Assessment
+    from valve_twin.core.aging.assess import Assessment
     from valve_twin.core.operation.counters import Counters
     from valve_twin.core.operation.events import Event
     from valve_twin.core.operation.step_metrics import StepMetrics

@@ -31,8 +31,8 @@ from valve_twin.report.text import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.aging import Assessment
-    from valve_twin.core.diagnosis import Finding
+    from valve_twin.core.aging.assess import Assessment
+    from valve_twin.core.diagnosis.changes.finding import Finding
     from valve_twin.core.operation.counters import Counters
     from valve_twin.core.operation.events import Event
     from valve_twin.core.operation.step_metrics import Metric, StepMetrics

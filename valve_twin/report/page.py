@@ -8,13 +8,12 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from valve_twin.core.aging import VerdictKind
 from valve_twin.core.aging.series import in_force
-from valve_twin.core.aging.verdict import Outlook, outlook
+from valve_twin.core.aging.verdict import Outlook, VerdictKind, outlook
 from valve_twin.core.faults.advice import FAILURE_MODES, advise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError, unwritable
-from valve_twin.io.history.tiers.reading import told
+from valve_twin.io.history.tiers.extent import told
 from valve_twin.io.whole import write_whole
 from valve_twin.report.budget import budget_section
 from valve_twin.report.faults import faults_section, operation_section, steps_section
@@ -35,7 +34,8 @@ from valve_twin.report.text import count, fixed, render
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-    from valve_twin.core.aging import Trend, TrendDetail
+    from valve_twin.core.aging.assess import TrendDetail
+    from valve_twin.core.aging.verdict import Trend
     from valve_twin.core.types import Parameter
     from valve_twin.report.data import ReportData
 

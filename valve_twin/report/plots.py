@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging import TrendStatus
-from valve_twin.core.aging.verdict import Outlook, outlook
+from valve_twin.core.aging.verdict import Outlook, TrendStatus, outlook
 from valve_twin.core.types import ParameterStatus, Validity
 from valve_twin.report.svg import Panel, drawing, extremes, round_ticks, thin, tick_texts
 from valve_twin.report.text import MINUS, number
@@ -22,7 +21,8 @@ if TYPE_CHECKING:
 
     from markupsafe import Markup
 
-    from valve_twin.core.aging import Trend, TrendDetail
+    from valve_twin.core.aging.assess import TrendDetail
+    from valve_twin.core.aging.verdict import Trend
     from valve_twin.core.past.condensate import Condensate
     from valve_twin.core.types import (
         BoolArray,

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from valve_twin.core.aging import TrendStatus
-from valve_twin.core.aging.verdict import SOON, Outlook, describe_limit, outlook
+from valve_twin.core.aging.verdict import SOON, Outlook, TrendStatus, describe_limit, outlook
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.report.text import (
@@ -31,7 +30,7 @@ from valve_twin.report.text import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.aging import Trend
+    from valve_twin.core.aging.verdict import Trend
     from valve_twin.core.types import Estimate, ParameterValue
     from valve_twin.report.data import ReportData
 

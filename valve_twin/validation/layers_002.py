@@ -24,12 +24,8 @@ from valve_twin.core.types import Cycle
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.press_cartridge.estimation.constraints import physical_inequalities
 from valve_twin.core.valves.press_cartridge.estimation.qp import solve_qp
-from valve_twin.core.valves.press_cartridge.estimation.regression import (
-    TERM_SETS,
-    TERMS,
-    design,
-    gram,
-)
+from valve_twin.core.valves.press_cartridge.estimation.regression import TERMS, design, gram
+from valve_twin.core.valves.press_cartridge.estimators import TERM_SETS
 from valve_twin.core.valves.registry import complete_options
 
 if TYPE_CHECKING:

@@ -15,8 +15,9 @@ from valve_twin.bench.data.years import features, life
 from valve_twin.cli.archive import reference
 from valve_twin.cli.archive.reference import distinct
 from valve_twin.cli.main import main
-from valve_twin.core.aging import VerdictKind, assess
+from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.past.state import AgingState
 from valve_twin.core.past.stored import freeze, thaw
 from valve_twin.core.types import Maintenance

@@ -11,23 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from valve_twin.core.aging import (
-    AgingConfig,
-    Axis,
-    Commissioning,
-    Threshold,
-    Trend,
-    TrendStatus,
-    Verdict,
-    VerdictKind,
-    assess,
-    changepoint,
-    warm_up,
-    wave,
-)
+from valve_twin.core.aging import changepoint, wave
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig, Axis, Commissioning, Threshold
+from valve_twin.core.aging.cutting.ahead import warm_up
 from valve_twin.core.aging.laws import shapes
 from valve_twin.core.aging.laws.ar1 import ar1_product
-from valve_twin.core.aging.verdict import LimitState
+from valve_twin.core.aging.verdict import LimitState, Trend, TrendStatus, Verdict, VerdictKind
 from valve_twin.core.types import (
     EstimateStatus,
     Maintenance,

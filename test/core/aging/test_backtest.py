@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.aging import AgingConfig, Threshold, assess
+from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.backtest import BacktestConfig, Forecast, backtest
+from valve_twin.core.aging.config import AgingConfig, Threshold
 from valve_twin.core.types import EstimateStatus, Maintenance, Parameter
 
 INF = float("inf")

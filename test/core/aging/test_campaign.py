@@ -11,7 +11,9 @@ be cut.
 import numpy as np
 import pytest
 
-from valve_twin.core.aging import AgingConfig, TrendStatus, VerdictKind, assess
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.aging.verdict import TrendStatus, VerdictKind
 from valve_twin.core.types import Parameter
 
 N = 120

@@ -5,10 +5,11 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.aging import AgingConfig, TrendStatus, assess
-from valve_twin.core.aging.config import Axis
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.covariates import MIN_VALUES, without_conditions
 from valve_twin.core.aging.series import order_history, series_of
+from valve_twin.core.aging.verdict import TrendStatus
 from valve_twin.core.types import (
     Condition,
     Estimate,

@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from valve_twin.core.aging import AgingConfig, assess
-from valve_twin.core.aging.config import Axis, Threshold
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig, Axis, Threshold
 from valve_twin.core.aging.products import same_product
 from valve_twin.core.aging.series import order_history, series_of
 from valve_twin.core.aging.verdict import TrendStatus

@@ -8,11 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.aging import AgingConfig, Threshold, TrendStatus, VerdictKind, assess
-from valve_twin.core.aging.assess import Assessment
-from valve_twin.core.aging.verdict import Outlook, concern, decide, describe_limit, outlook
-from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding
-from valve_twin.core.diagnosis.refused import FRESH, Stale
+from valve_twin.core.aging.assess import Assessment, assess
+from valve_twin.core.aging.config import AgingConfig, Threshold
+from valve_twin.core.aging.verdict import (
+    Outlook,
+    TrendStatus,
+    VerdictKind,
+    concern,
+    decide,
+    describe_limit,
+    outlook,
+)
+from valve_twin.core.diagnosis.changes.finding import FRESH, Diagnosis, Finding, Stale
 from valve_twin.core.faults.advice import NONE, NOW, advise
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Parameter

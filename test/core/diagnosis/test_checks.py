@@ -4,7 +4,9 @@
 
 import pytest
 
-from valve_twin.core.aging import AgingConfig, VerdictKind, assess
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.diagnosis.checks import failed_checks
 from valve_twin.core.types import Estimate, EstimateStatus, Guard, Maintenance, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL

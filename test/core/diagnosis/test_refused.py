@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from valve_twin.core.aging import AgingConfig, VerdictKind, assess
-from valve_twin.core.diagnosis.changes.finding import Finding
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.aging.verdict import VerdictKind
+from valve_twin.core.diagnosis.changes.finding import FRESH, Finding
 from valve_twin.core.diagnosis.refused import (
-    FRESH,
     LEAST_REFUSED,
     featureless,
     refused_lately,

@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.aging import AgingConfig, VerdictKind, assess
-from valve_twin.core.aging.config import Commissioning
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig, Commissioning
+from valve_twin.core.aging.verdict import VerdictKind
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.types import Cycle, Maintenance
 from valve_twin.core.valves.press_cartridge import MODEL

@@ -10,7 +10,8 @@ import re
 
 import pytest
 
-from valve_twin.core.aging import AgingConfig, assess
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.operation.counters import Counters
 from valve_twin.core.types import (

@@ -16,9 +16,8 @@ from test.nodes.conftest import NS
 from valve_twin.core.aging.assess import Assessment
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.verdict import decide
-from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding
+from valve_twin.core.diagnosis.changes.finding import FRESH, Diagnosis, Finding, Stale
 from valve_twin.core.diagnosis.features import ESTIMATOR
-from valve_twin.core.diagnosis.refused import FRESH, Stale
 from valve_twin.core.diagnosis.table import PARTS, with_floor
 from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, ParameterValue

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from valve_twin.core.estimation.cycle.sequence import Memory
+from valve_twin.core.estimation.cycle.memory import Memory
 from valve_twin.core.twin import Job
 from valve_twin.core.types import Cycle, Frames, Maintenance
 from valve_twin.nodes.twin import jobs

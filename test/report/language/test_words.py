@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 import valve_twin.core.valves
 import valve_twin.gateway
-from valve_twin.core.aging import Assessment
+from valve_twin.core.aging.assess import Assessment
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.verdict import Trend, TrendStatus, VerdictKind, decide, held_back
 from valve_twin.core.cycles import Closing

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.bench.measure import Ratio, median
-from valve_twin.core.aging import AgingConfig, assess
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.cutting.ahead import look_ahead
 from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from valve_twin.bench.measure import Scale
-    from valve_twin.core.aging import Assessment
+    from valve_twin.core.aging.assess import Assessment
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.past.columns import Past
     from valve_twin.core.types import FloatArray

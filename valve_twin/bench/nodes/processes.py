@@ -52,6 +52,7 @@ class NodeProcess:
             "OMP_NUM_THREADS": "1",
             "PYTHONUNBUFFERED": "1",
         }
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # an installation keeps its bytecode
         self._log = log
         with log.open("wb") as out:
             self._process = subprocess.Popen(

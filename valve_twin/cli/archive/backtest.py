@@ -98,7 +98,7 @@ def _judge(config: ValveConfig, url: str, how: BacktestConfig) -> tuple[str, Seq
     from valve_twin.core.aging.backtest import backtest
     from valve_twin.core.valves.registry import get_model
     from valve_twin.io.history.store import History
-    from valve_twin.io.history.tiers.reading import condensed, told
+    from valve_twin.io.history.tiers.extent import condensed, told
 
     with History(url, read_only=True) as history:
         where = history.where

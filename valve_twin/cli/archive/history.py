@@ -135,7 +135,7 @@ def _history(arguments: argparse.Namespace) -> int:
 
 
 def _condensed_note(history: History, valve: str) -> str:
-    from valve_twin.io.history.tiers.reading import condensed, told
+    from valve_twin.io.history.tiers.extent import condensed, told
 
     found = condensed(history, valve)
     return f"; {told(found)}" if found else ""
@@ -144,7 +144,8 @@ def _condensed_note(history: History, valve: str) -> str:
 def _condense(arguments: argparse.Namespace) -> int:
     from valve_twin.io.errors import ConfigError
     from valve_twin.io.history.store import History
-    from valve_twin.io.history.tiers.condense import Retention, condense
+    from valve_twin.io.history.tiers.condense import condense
+    from valve_twin.io.history.tiers.retention import Retention
 
     retention = Retention(arguments.keep_cycles, arguments.keep_days, arguments.hours_for_days)
     if wrong := retention.wrong():

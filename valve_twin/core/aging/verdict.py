@@ -39,15 +39,13 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from valve_twin.core.aging.limits.directions import mute_direction
-from valve_twin.core.diagnosis.changes.finding import CLOCK, describe_finding
-from valve_twin.core.diagnosis.refused import FRESH
+from valve_twin.core.diagnosis.changes.finding import CLOCK, FRESH, describe_finding
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.aging.config import AgingConfig
-    from valve_twin.core.diagnosis.changes.finding import Finding
-    from valve_twin.core.diagnosis.refused import Stale
+    from valve_twin.core.diagnosis.changes.finding import Finding, Stale
 
 
 class TrendStatus(IntEnum):

@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.changes.finding import CLOCK, Finding
+from valve_twin.core.diagnosis.changes.finding import CLOCK, FRESH, Finding, Stale
 from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.past.columns import past_of
 
@@ -34,33 +34,6 @@ _ONE_CAUSE = 5
 
 _SAYS_IT = ("command_loss", "sensor_freeze", "no_motion")
 """Faults that say why nothing moves."""
-
-
-@dataclass(frozen=True, slots=True)
-class Stale:
-    """Why the newest cycles say nothing: an empty `reason` = they do.
-
-    `unusable` where the signals themselves are why: they cannot be those of a valve, or are too
-    coarse. `since` is the first of these cycles.
-    """
-
-    reason: str = ""
-    unusable: bool = False
-    since: int = 0
-
-    def outdates(self, fault: Finding) -> bool:
-        """Return whether signals that are unusable leave open if a fault of before is there.
-
-        Parameters
-        ----------
-        fault : Finding
-            A fault that was not seen to end.
-        """
-        return self.unusable and fault.alarm < self.since
-
-
-FRESH = Stale()
-"""The newest cycles say something."""
 
 
 def refused_lately(history: Iterable[Estimate] | Past) -> Stale:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle, model_in_force
+from valve_twin.core.estimation.cycle.memory import Memory, model_in_force
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.prediction import fit_percent, restart_marks, run_model
 from valve_twin.core.quantity import describe
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Frames, Restart

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from valve_twin.io.errors import StoreError, ValveTwinError
-from valve_twin.io.history.tiers.reading import told
+from valve_twin.io.history.tiers.extent import told
 from valve_twin.report.build import history_data
 from valve_twin.report.faults import MOST_EVENTS, faults_table
 from valve_twin.report.page import parameter_figures, render_report

@@ -37,7 +37,6 @@ from valve_twin.io.config.parameter_file import merged, read_parameter_file
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.config.valve_names import expand_names
 from valve_twin.io.errors import ConfigError
-from valve_twin.io.feature_reference import read_reference
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -412,6 +411,9 @@ class _Reader:
         aging = self._section("aging", AgingConfig(), given)
         if not aging.feature_reference:
             return aging
+        # what reads and holds a reference is not loaded for a valve without one
+        from valve_twin.io.feature_reference import read_reference
+
         try:
             reference = read_reference(aging.feature_reference, model, period_s)
         except ConfigError as err:

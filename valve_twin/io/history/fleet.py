@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging import Assessment, assess
+from valve_twin.core.aging.assess import Assessment, assess
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.cutting.ahead import look_ahead
 from valve_twin.core.aging.verdict import VerdictKind, concern, outlook, way_to_threshold
@@ -34,8 +34,7 @@ from valve_twin.io.history.aging.reading import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from valve_twin.core.aging import Trend
-    from valve_twin.core.aging.verdict import Verdict
+    from valve_twin.core.aging.verdict import Trend, Verdict
     from valve_twin.core.past.columns import Rows
     from valve_twin.io.history.store import History
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from valve_twin.core import state as states
 from valve_twin.core.cycle_rules import RuleState
-from valve_twin.core.estimation.cycle.sequence import InForce, memory_from_history
+from valve_twin.core.estimation.cycle.memory import InForce, memory_from_history
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Cycle, Frames
 from valve_twin.io.errors import StoreError

@@ -11,7 +11,7 @@ from valve_twin.core.diagnosis.checks import failed_checks
 from valve_twin.core.types import EstimateStatus
 
 if TYPE_CHECKING:
-    from valve_twin.core.aging import Assessment
+    from valve_twin.core.aging.assess import Assessment
     from valve_twin.io.offline.run import Record
 
 MOST_LOST = 0.05

@@ -13,7 +13,7 @@ from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
-    from valve_twin.core.estimation.cycle.sequence import Memory
+    from valve_twin.core.estimation.cycle.memory import Memory
     from valve_twin.core.state import Resume
     from valve_twin.core.valves.interface import ValveModel
     from valve_twin.io.config.valve import ValveConfig

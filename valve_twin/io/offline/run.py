@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging import Assessment, assess
+from valve_twin.core.aging.assess import Assessment, assess
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.gaps import count_paused
 from valve_twin.core.operation.counters import Counters, cycle_duty

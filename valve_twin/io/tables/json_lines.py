@@ -24,7 +24,7 @@ from valve_twin.core.valves.registry import get_model
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from valve_twin.core.aging import Assessment
+    from valve_twin.core.aging.assess import Assessment
     from valve_twin.core.faults.advice import Advice
     from valve_twin.core.operation.counters import Counters
     from valve_twin.core.types import Estimate

@@ -2,7 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """What runs in the worker process: one estimation at a time, nothing of ROS.
 
-The memory of 50 cycles is large; the worker keeps it between jobs and is sent it only when it
+The node imports this, too, to name the jobs; what only they need is imported where they run. The
+memory of 50 cycles is large; the worker keeps it between jobs and is sent it only when it
 lacks it, so that the data path does not pack it every cycle.
 """
 
@@ -15,13 +16,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.cycle.movement import find_moves
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.valves.registry import get_model
 from valve_twin.warmup import Compiled, compiled, predict_once, run_once
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from valve_twin.core.estimation.cycle.memory import Memory
     from valve_twin.core.types import Cycle, CycleRule, Estimate
     from valve_twin.core.valves.interface import Options
 
@@ -54,6 +55,8 @@ def run_job(
     tuple of Estimate or None
         One an estimator; None (`MEMORY_LACKS`) where the memory is needed and not kept.
     """
+    from valve_twin.core.estimation.cycle.sequence import estimate_cycle
+
     if memory is None:
         kept = _kept.get(valve)
         if kept is None or kept[0] != ordinal:

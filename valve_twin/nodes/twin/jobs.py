@@ -18,7 +18,7 @@ from valve_twin.nodes.twin.estimation_job import MEMORY_LACKS, run_job
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from valve_twin.core.estimation.cycle.sequence import Memory
+    from valve_twin.core.estimation.cycle.memory import Memory
     from valve_twin.core.twin import Job, Twin
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.nodes.runtime.node import ValveNode

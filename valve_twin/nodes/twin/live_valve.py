@@ -32,7 +32,7 @@ from valve_twin.nodes.twin.valve_inputs import ValveInputs
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from valve_twin.core.estimation.cycle.sequence import Memory
+    from valve_twin.core.estimation.cycle.memory import Memory
     from valve_twin.core.job_queue import JobQueue, QueuedJob
     from valve_twin.io.cdr.signals import Extractor, SignalBlock
     from valve_twin.io.config.valve import ValveConfig

@@ -21,7 +21,7 @@ from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.history.export import BackupRules
 from valve_twin.io.history.log.events import LAST_ID, Acknowledgement
 from valve_twin.io.history.remarks import wrong_note
-from valve_twin.io.history.tiers.reading import condensed, condensed_until, told
+from valve_twin.io.history.tiers.extent import condensed, condensed_until, told
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.runtime.services import DeferredService, Done
 from valve_twin.nodes.twin.publishers import LATCHED

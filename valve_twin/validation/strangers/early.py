@@ -13,7 +13,7 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from valve_twin.core.aging import assess
+from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.diagnosis.given.judged import seen_of
 from valve_twin.core.diagnosis.given.reference import make_reference
@@ -27,7 +27,7 @@ from valve_twin.validation.strangers.watch import MODEL, estimated
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from valve_twin.core.aging import Assessment
+    from valve_twin.core.aging.assess import Assessment
     from valve_twin.core.diagnosis.given.reference import FeatureReference, Seen
     from valve_twin.core.types import Estimate
     from valve_twin.validation.strangers.sisters import Family

@@ -29,7 +29,7 @@ from valve_twin.core.diagnosis.table import BY_NAME, PAIRS
 from valve_twin.validation.strangers.record import aged, gain, leak
 
 if TYPE_CHECKING:
-    from valve_twin.core.aging import Assessment
+    from valve_twin.core.aging.assess import Assessment
     from valve_twin.core.aging.verdict import Trend
     from valve_twin.validation.strangers.draw import Stranger
     from valve_twin.validation.strangers.troubles import Trouble

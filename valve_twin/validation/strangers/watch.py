@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging import assess
+from valve_twin.core.aging.assess import assess
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.twin import Estimated, Twin
 from valve_twin.core.valves.registry import get_model
@@ -22,7 +22,7 @@ from valve_twin.validation.strangers.record import record
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from valve_twin.core.aging import Assessment
+    from valve_twin.core.aging.assess import Assessment
     from valve_twin.core.aging.config import AgingConfig
     from valve_twin.core.twin import TwinConfig
     from valve_twin.core.types import Estimate

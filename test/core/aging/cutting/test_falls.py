@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.aging import AgingConfig, assess
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.cutting.falls import MOST
 from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.types import Parameter

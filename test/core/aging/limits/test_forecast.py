@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.aging import AgingConfig, TrendStatus, assess
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.limits.forecast import FOUND_SAMPLES, SCALE
-from valve_twin.core.aging.verdict import LimitState
+from valve_twin.core.aging.verdict import LimitState, TrendStatus
 from valve_twin.core.types import Parameter
 
 PARAMETERS = (Parameter("K_in", "1", "gain", trend=True),)

@@ -7,13 +7,21 @@ import itertools
 import numpy as np
 import pytest
 
-from valve_twin.core.aging import AgingConfig, Threshold, TrendStatus, VerdictKind, assess
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig, Threshold
 from valve_twin.core.aging.drift import Reference
 from valve_twin.core.aging.limits.states import _SIZES as SIZES
 from valve_twin.core.aging.limits.states import SCATTER, held_limits
 from valve_twin.core.aging.series import Pieces, Series, fit_parts, good_parts
 from valve_twin.core.aging.trend import fit_line, quantile
-from valve_twin.core.aging.verdict import LimitState, Outlook, concern, outlook
+from valve_twin.core.aging.verdict import (
+    LimitState,
+    Outlook,
+    TrendStatus,
+    VerdictKind,
+    concern,
+    outlook,
+)
 from valve_twin.core.types import Maintenance, Parameter
 
 PARAMETERS = [Parameter("K_in", "1", "gain", trend=True)]

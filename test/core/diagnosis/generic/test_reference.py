@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.aging import AgingConfig, assess
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.diagnosis.features import ESTIMATOR, NOISE
 from valve_twin.core.diagnosis.generic.features import MOVE_NOISE, NAMES
 from valve_twin.core.diagnosis.generic.motion import numbers_of
@@ -17,11 +18,8 @@ from valve_twin.core.diagnosis.generic.reference import (
     published,
     reference_of,
 )
-from valve_twin.core.estimation.cycle.sequence import (
-    Memory,
-    estimate_cycle,
-    memory_from_history,
-)
+from valve_twin.core.estimation.cycle.memory import Memory, memory_from_history
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.past.columns import past_of
 from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.simulation.valve import SimulatedValve

@@ -9,7 +9,8 @@ import pytest
 
 from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.estimation.cycle.comparison import compare_estimators
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle, memory_from_history
+from valve_twin.core.estimation.cycle.memory import Memory, memory_from_history
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.registry import complete_options

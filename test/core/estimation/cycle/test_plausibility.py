@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from valve_twin.core.estimation.cycle.memory import Memory
 from valve_twin.core.estimation.cycle.plausibility import wrong_step
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation import simulate_cycles
 from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.types import Cycle, EstimateStatus, Frames, join_frames

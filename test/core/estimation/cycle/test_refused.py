@@ -4,7 +4,8 @@
 
 import numpy as np
 
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.simulation import simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, EstimateStatus

@@ -9,15 +9,14 @@ import pytest
 
 from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.diagnosis.features import NEXT_CYCLE
-from valve_twin.core.estimation.cycle.scatter import MIN_CYCLES, scatter_between_cycles
-from valve_twin.core.estimation.cycle.sequence import (
+from valve_twin.core.estimation.cycle.memory import (
     MEMORY_CYCLES,
     Memory,
-    estimate_cycle,
-    evaluate,
     memory_from_history,
     model_in_force,
 )
+from valve_twin.core.estimation.cycle.scatter import MIN_CYCLES, scatter_between_cycles
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle, evaluate
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.registry import complete_options

@@ -13,7 +13,8 @@ import pytest
 from test.core.valves import blocks
 from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.cycles import Segmenter
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle, model_in_force
+from valve_twin.core.estimation.cycle.memory import Memory, model_in_force
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.types import (
     Cycle,
     CycleRule,

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation import SimulatedValve, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle
 from valve_twin.core.valves.damadics import MODEL

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from test.core.valves.test_designed import FOUND
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.physics.curves import force_of
 from valve_twin.core.quantity import describe, replaced
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames

@@ -12,7 +12,8 @@ import pytest
 from scipy.signal import lfilter
 
 from valve_twin.cli import main
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle, model_in_force
+from valve_twin.core.estimation.cycle.memory import Memory, model_in_force
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.prediction import fit_percent, restart_marks, run_model
 from valve_twin.core.types import Cycle, EstimateStatus, Frames
 from valve_twin.core.valves.hammerstein_wiener.fit import BLOCKS, Data, choose

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from test.core.valves import blocks
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle, model_in_force
+from valve_twin.core.estimation.cycle.memory import Memory, model_in_force
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.types import Cycle, EstimateStatus, Frames, ParameterStatus, Validity
 from valve_twin.core.valves.hydraulic_actuator import MODEL
 from valve_twin.core.valves.hydraulic_actuator.kernels import flow, free_run

@@ -11,7 +11,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from test.core.valves import blocks
-from valve_twin.core.estimation.cycle.sequence import Memory, evaluate, model_in_force
+from valve_twin.core.estimation.cycle.memory import Memory, model_in_force
+from valve_twin.core.estimation.cycle.sequence import evaluate
 from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.types import Cycle, Estimate, ParameterStatus, join_blocks
 from valve_twin.core.valves.positioner.extended import (

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from test.core.valves import blocks
-from valve_twin.core.estimation.cycle.sequence import Memory, model_in_force
+from valve_twin.core.estimation.cycle.memory import Memory, model_in_force
 from valve_twin.core.types import (
     Cycle,
     Estimate,

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from test.core.valves.press_cartridge.generator import Truth, generate_cycle
-from valve_twin.core.aging import AgingConfig, assess
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation import AgingRule, configure, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle
 from valve_twin.core.valves.press_cartridge import MODEL

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from test.core.valves import blocks
 from test.core.valves.press_cartridge.generator import Truth, generate_cycle
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.quantity import describe
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus, Validity
 from valve_twin.core.valves.press_cartridge import MODEL

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from test.core.valves import blocks
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus, Validity
 from valve_twin.core.valves.registry import complete_options, get_simulation

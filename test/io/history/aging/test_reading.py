@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 
 from valve_twin.bench.data.years import features, life
-from valve_twin.core.aging import assess
+from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import EstimateStatus, Maintenance

@@ -10,6 +10,7 @@ import sys
 
 from valve_twin.io.history.store import History
 from valve_twin.io.history.tiers import condense as module
+from valve_twin.io.history.tiers.retention import Retention
 
 
 def condense_all_but(cycles: int, path: str) -> None:
@@ -17,7 +18,7 @@ def condense_all_but(cycles: int, path: str) -> None:
     sys.stdout.write(f"{os.getpid()}\n")
     sys.stdout.flush()
     with History(path) as history:
-        module.condense(history, "/v", module.Retention(cycles=cycles))
+        module.condense(history, "/v", Retention(cycles=cycles))
 
 
 if __name__ == "__main__":

@@ -36,8 +36,10 @@ from valve_twin.io.history.tables import (
     to_row,
 )
 from valve_twin.io.history.tiers import condense as module
-from valve_twin.io.history.tiers.condense import Retention, condense
-from valve_twin.io.history.tiers.reading import condensates, condensed, condensed_until
+from valve_twin.io.history.tiers.condense import condense
+from valve_twin.io.history.tiers.extent import condensed, condensed_until
+from valve_twin.io.history.tiers.reading import condensates
+from valve_twin.io.history.tiers.retention import Retention
 from valve_twin.report.build import history_data
 
 VALVE = "/v"

@@ -17,14 +17,10 @@ from valve_twin.io.history.check_sums import sealed
 from valve_twin.io.history.store import CycleRecord, History
 from valve_twin.io.history.tables import CONDENSATE, CYCLE, ESTIMATE, to_row
 from valve_twin.io.history.tiers import condense as module
-from valve_twin.io.history.tiers.condense import Retention, condense
-from valve_twin.io.history.tiers.reading import (
-    condensates,
-    condensed,
-    condensed_until,
-    counted,
-    undisturbed,
-)
+from valve_twin.io.history.tiers.condense import condense
+from valve_twin.io.history.tiers.extent import condensed, condensed_until
+from valve_twin.io.history.tiers.reading import condensates, counted, undisturbed
+from valve_twin.io.history.tiers.retention import Retention
 from valve_twin.report.build import history_data
 from valve_twin.report.page import render_report
 from valve_twin.report.provenance.inputs import history_origin

@@ -11,12 +11,14 @@ from test.nodes.feeding import REARM, Feeder
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.errors import ConfigError, StoreError
+from valve_twin.io.history.aging import WORTH
 from valve_twin.io.history.aging.file import load, origin_of
-from valve_twin.io.history.aging.reading import WORTH
 from valve_twin.io.history.fleet import describe_valve
 from valve_twin.io.history.store import History
-from valve_twin.io.history.tiers.condense import LEAST, Retention, condense
-from valve_twin.io.history.tiers.reading import condensed, condensed_until
+from valve_twin.io.history.tiers import condense as tiers
+from valve_twin.io.history.tiers.condense import LEAST, condense
+from valve_twin.io.history.tiers.extent import condensed, condensed_until
+from valve_twin.io.history.tiers.retention import Retention
 from valve_twin.nodes.twin.history import upkeep as module
 from valve_twin.nodes.twin.history.upkeep import Upkeep, keep_up, retention_of
 from valve_twin.nodes.twin.node import TwinNode
@@ -72,7 +74,7 @@ def test_a_valve_that_cannot_be_condensed_is_told_and_the_others_go_on(database,
             raise StoreError(why)
         return condense(history, valve, rule)
 
-    monkeypatch.setattr(module, "condense", refuse)
+    monkeypatch.setattr(tiers, "condense", refuse)
     first, second = keep_up(upkeep(database, "/other", NS))
     assert first == "/other: its history is not kept up: is locked"
     assert "are condensed" in second

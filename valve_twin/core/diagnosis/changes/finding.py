@@ -164,3 +164,30 @@ def lately_over(diagnosis: Diagnosis, cycle: int, since: int = 0) -> str:
         return ""
     newest = max(over, key=lambda f: f.end)
     return f"a fault is over since cycle {newest.end}: {describe_finding(newest)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Stale:
+    """Why the newest cycles say nothing: an empty `reason` = they do.
+
+    `unusable` where the signals themselves are why: they cannot be those of a valve, or are too
+    coarse. `since` is the first of these cycles.
+    """
+
+    reason: str = ""
+    unusable: bool = False
+    since: int = 0
+
+    def outdates(self, fault: Finding) -> bool:
+        """Return whether signals that are unusable leave open if a fault of before is there.
+
+        Parameters
+        ----------
+        fault : Finding
+            A fault that was not seen to end.
+        """
+        return self.unusable and fault.alarm < self.since
+
+
+FRESH = Stale()
+"""The newest cycles say something."""

@@ -20,7 +20,8 @@ from valve_twin.core.diagnosis.generic.reference import (
     record_against,
     reference_of,
 )
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.types import Cycle, ParameterValue

@@ -12,10 +12,7 @@ from valve_twin.core.types import Parameter
 from valve_twin.core.valves.interface import ModelOptions
 from valve_twin.core.valves.kit.tolerances import tolerance_section
 from valve_twin.core.valves.press_cartridge.diagnosis.features import COUNTS, FEATURES
-from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
-from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
-    ESTIMATORS as EQUATION_ERROR,
-)
+from valve_twin.core.valves.press_cartridge.estimators import EQUATION_ERROR, KALMAN, OUTPUT_ERROR
 from valve_twin.core.valves.press_cartridge.predictor import MAX_LAG
 
 _GAIN = "1/sample of stroke per unit command"
@@ -105,9 +102,9 @@ class PressCartridgeOptions(PressCartridgeNumbers, ModelOptions):
     """Options of the model."""
 
     estimators: tuple[str, ...] = setting(
-        (output_error.ESTIMATOR, kalman.ESTIMATOR, "equation_error_qp4"),
+        (OUTPUT_ERROR, KALMAN, "equation_error_qp4"),
         "estimators to run",
-        choices=(output_error.ESTIMATOR, kalman.ESTIMATOR, *EQUATION_ERROR, SHOWN),
+        choices=(OUTPUT_ERROR, KALMAN, *EQUATION_ERROR, SHOWN),
     )
     output_error: bool = setting(
         True,

@@ -23,15 +23,12 @@ from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.past.stored import freeze
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.io.errors import StoreError
+from valve_twin.io.history.aging import WORTH
 from valve_twin.io.history.aging.bulk import add_rows
 from valve_twin.io.history.aging.file import Known, load, origin_of, pack, write
 from valve_twin.io.history.tables import CHECK_SUM, ESTIMATE, MAINTENANCE
-from valve_twin.io.history.tiers.reading import (
-    LAST_PLACE,
-    begun_state,
-    condensed_until,
-    undisturbed,
-)
+from valve_twin.io.history.tiers.extent import condensed_until
+from valve_twin.io.history.tiers.reading import LAST_PLACE, begun_state, undisturbed
 from valve_twin.io.history.valves.names import of_valve, own_key
 
 if TYPE_CHECKING:
@@ -43,9 +40,6 @@ if TYPE_CHECKING:
 
 PAGE = 5000
 """Estimates that are read at a time [1]."""
-
-WORTH = 4000
-"""Estimates from which on what was read is kept [1], assumed: reading as many takes 0.2 s."""
 
 _NEW = 500  # estimates, or rows of all valves times 100, after which it is written again
 

@@ -13,7 +13,7 @@ and counters are never touched.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import sqlalchemy as sa
@@ -33,13 +33,8 @@ from valve_twin.io.history.tables import (
     row_estimate,
     to_row,
 )
-from valve_twin.io.history.tiers.reading import (
-    LAST_PLACE,
-    begun_state,
-    condensed,
-    condensed_until,
-    counted,
-)
+from valve_twin.io.history.tiers.extent import condensed, condensed_until
+from valve_twin.io.history.tiers.reading import LAST_PLACE, begun_state, counted
 from valve_twin.io.history.tiers.state import state_text
 from valve_twin.io.history.valves.names import of_valve
 
@@ -50,6 +45,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.past.state import AgingState
     from valve_twin.io.history.store import History
+    from valve_twin.io.history.tiers.retention import Retention
 
 LEAST = 1000
 """Newest cycles of a valve that are always kept [1]."""
@@ -61,42 +57,6 @@ _DAY_NS = DAY_S * 10**9
 _PAGE = 5000
 _NEWEST = 11  # cycles whose middle stamp ages count from
 _MOST_OF_A_DAY = 10 * A_TIME  # cycles of one day beyond which it is taken in parts
-
-
-@dataclass(frozen=True, slots=True)
-class Retention:
-    """What is kept of every cycle.
-
-    Attributes
-    ----------
-    cycles : int
-        Newest cycles of a valve that are kept [1], `LEAST` at least; 0 = as days say.
-    days : float
-        Age up to which cycles are kept, counted from the valve's newest ones [d]; 0 = as cycles
-        say. What either keeps is kept.
-    hours_for_days : float
-        Age up to which hours are kept beside days, likewise [d].
-    """
-
-    cycles: int = 0
-    days: float = 0.0
-    hours_for_days: float = 90.0
-
-    def wrong(self) -> str:
-        """Return what is wrong with it, empty where nothing is."""
-        if not (self.cycles or self.days):
-            return "it is not said what is kept: give a number of cycles or of days"
-        if not 0 <= self.cycles <= _MOST_CYCLES:
-            return f"cycles that are kept are 0 to {_MOST_CYCLES}"
-        if not 0.0 <= self.days <= _MOST_DAYS:
-            return f"days that are kept are 0 to {_MOST_DAYS}"
-        if not 0.0 <= self.hours_for_days <= _MOST_DAYS:
-            return f"days for which hours are kept are 0 to {_MOST_DAYS}"
-        return ""
-
-
-_MOST_CYCLES = 10**12
-_MOST_DAYS = 100_000  # 270 years: their stamps are still 64 bits wide
 
 
 def condense(

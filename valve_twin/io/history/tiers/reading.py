@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Read how far a history is condensed, and what was said by the cycles that it let go of."""
+"""Read what was said by the cycles that a condensed history let go of."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 from valve_twin.core.past.condensate import DAY_S, OF_CYCLES, REFUSED, Condensate, Condensed
 from valve_twin.core.past.state import AgingState
 from valve_twin.io.history.tables import CONDENSATE, CONDENSED, ESTIMATE, from_row, row_estimate
+from valve_twin.io.history.tiers.extent import condensed, condensed_until
 from valve_twin.io.history.tiers.state import text_state
 from valve_twin.io.history.valves.names import of_valve
 
@@ -25,18 +26,6 @@ T = TypeVar("T")
 
 LAST_PLACE = 2**31 - 1
 """Place behind the last estimate of a cycle [1]."""
-
-
-def condensed_until(history: History, valve: str) -> int:
-    """Return the number of the last cycle of a valve that is condensed; 0 = none is."""
-    query = of_valve(CONDENSED, valve).with_only_columns(CONDENSED.c.cycle)
-    return next((int(row["cycle"]) for row in history.select(query)), 0)
-
-
-def condensed(history: History, valve: str) -> Condensed | None:
-    """Return how far a valve's cycles are condensed; None = not, or the row is damaged."""
-    rows = history.sound(CONDENSED, of_valve(CONDENSED, valve))
-    return next((from_row(Condensed, row) for row in rows), None)
 
 
 def condensates(
@@ -205,11 +194,3 @@ def _kept(history: History, valve: str) -> list[Estimate]:
     query = of_valve(ESTIMATE, valve).where(ESTIMATE.c.cycle <= until)
     query = query.order_by(ESTIMATE.c.cycle, ESTIMATE.c.position)
     return [row_estimate(row) for row in history.sound(ESTIMATE, query)]
-
-
-def told(found: Condensed) -> str:
-    """Return in one sentence what a reader of single cycles has to know."""
-    return (
-        f"cycles {found.first_cycle} to {found.cycle} are condensed to hours and days: of their "
-        f"{found.estimates} estimates those that the trend needs are kept"
-    )

@@ -16,11 +16,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.io.errors import ConfigError, StoreError
-from valve_twin.io.history.aging.reading import WORTH
-from valve_twin.io.history.fleet import describe_valve
+from valve_twin.io.history.aging import WORTH
 from valve_twin.io.history.store import History
-from valve_twin.io.history.tiers.condense import Retention, condense
-from valve_twin.io.history.tiers.reading import condensed, condensed_until, told
+from valve_twin.io.history.tiers.extent import condensed, condensed_until, told
+from valve_twin.io.history.tiers.retention import Retention
 from valve_twin.nodes.runtime.node import STEADY
 from valve_twin.nodes.runtime.worker import WorkerProcess
 
@@ -98,23 +97,25 @@ def keep_up(work: Upkeep) -> list[str]:
     list of str
         A line for each valve of which cycles were condensed, or of which something failed.
     """
+    # what follows a valve over years is for this process alone: the twin starts without it
+    from valve_twin.io.history.fleet import describe_valve
+    from valve_twin.io.history.tiers.condense import condense
+
     lines = []
     with History(work.history_url, busy_timeout_s=work.busy_timeout_s) as history:
         for valve, aging in zip(work.valves, work.aging, strict=True):
             try:
-                lines += _condensed(history, valve, work.rule) if work.rule is not None else []
+                if work.rule is not None:
+                    before = condensed_until(history, valve)
+                    condense(history, valve, work.rule)
+                    now = condensed(history, valve)
+                    if now is not None and now.cycle > before:
+                        lines.append(f"{valve}: {told(now)}")
                 if aging is not None:
                     describe_valve(history, valve, aging)
             except StoreError as err:
                 lines.append(f"{valve}: its history is not kept up: {err}")
     return lines
-
-
-def _condensed(history: History, valve: str, rule: Retention) -> list[str]:
-    before = condensed_until(history, valve)
-    condense(history, valve, rule)
-    now = condensed(history, valve)
-    return [f"{valve}: {told(now)}"] if now is not None and now.cycle > before else []
 
 
 def keep_up_behind(work: Upkeep) -> list[str]:

@@ -10,7 +10,8 @@ from operator import attrgetter
 import numpy as np
 import pytest
 
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.quantity import describe, replaced
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, MaskCounts

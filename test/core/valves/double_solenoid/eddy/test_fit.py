@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from test.core.valves.double_solenoid.test_eddies import STIFF, cycles_of, options_for
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.quantity import replaced
 from valve_twin.core.types import EstimateStatus
 from valve_twin.core.valves.double_solenoid import MODEL

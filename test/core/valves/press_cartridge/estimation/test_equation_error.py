@@ -16,12 +16,12 @@ from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.core.valves.press_cartridge.estimation.constraints import parse_inequalities
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
-    ESTIMATORS,
     EquationErrorOptions,
     fit_equation_error,
     parse_estimator,
 )
 from valve_twin.core.valves.press_cartridge.estimation.regression import design, usable_rows
+from valve_twin.core.valves.press_cartridge.estimators import EQUATION_ERROR
 from valve_twin.core.valves.press_cartridge.plant import default_simulation
 
 PERIOD_S = 0.03
@@ -200,7 +200,7 @@ def test_the_seat_trap_is_defused_by_the_mask(plant_cycles):
     assert masked[:3] == pytest.approx(good[:3], rel=1e-3)
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("estimator", EQUATION_ERROR)
 def test_cvxpy_and_the_exact_solver_agree(estimator):
     frames = generate_cycle(Truth(), np.random.default_rng(5)).frames
     name = estimator.removeprefix("equation_error_")
@@ -251,7 +251,7 @@ def test_one_level_of_outflow_refuses_only_its_slope():
     assert "one level only" in found.parameters[3].reason
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("estimator", EQUATION_ERROR)
 @pytest.mark.parametrize("count", [0, 1, 7, 400])
 def test_a_cycle_without_motion_is_refused_with_a_reason(make_frames, estimator, count):
     frames = make_frames(np.full(count, 0.3), 0.0, 0.0)

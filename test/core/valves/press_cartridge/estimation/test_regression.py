@@ -10,12 +10,12 @@ import pytest
 from test.core.valves.press_cartridge.generator import Truth, generate_cycle, steady_gains
 from valve_twin.core.estimation.data.masks import find_masks
 from valve_twin.core.valves.press_cartridge.estimation.regression import (
-    TERM_SETS,
     design,
     gram,
     mean_square_error,
     usable_rows,
 )
+from valve_twin.core.valves.press_cartridge.estimators import TERM_SETS
 
 PERIOD_S = 0.03
 

@@ -48,7 +48,6 @@ from valve_twin.core.valves.press_cartridge.estimation.qp import (
     unsolved,
 )
 from valve_twin.core.valves.press_cartridge.estimation.regression import (
-    TERM_SETS,
     TERMS,
     Gram,
     design,
@@ -56,15 +55,10 @@ from valve_twin.core.valves.press_cartridge.estimation.regression import (
     mean_square_error,
     usable_rows,
 )
+from valve_twin.core.valves.press_cartridge.estimators import EQUATION_ERROR, PREFIX, TERM_SETS
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks
-
-PREFIX = "equation_error_"
-"""Estimator names are this, ls or qp (constrained), and the term set: equation_error_qp4."""
-
-ESTIMATORS = tuple(f"{PREFIX}{kind}{terms}" for kind in ("ls", "qp") for terms in TERM_SETS)
-"""Every name `fit_equation_error` knows."""
 
 MIN_ROWS_PER_TERM = 3
 """Fewest rows for each fitted term [1]."""
@@ -147,8 +141,8 @@ def parse_estimator(name: str) -> tuple[str, tuple[int, ...]]:
     ValueError
         There is no such estimator; the message lists them.
     """
-    if name not in ESTIMATORS:
-        msg = f"estimator {name!r} is not known; choose one of {', '.join(ESTIMATORS)}"
+    if name not in EQUATION_ERROR:
+        msg = f"estimator {name!r} is not known; choose one of {', '.join(EQUATION_ERROR)}"
         raise ValueError(msg)
     kind = name[len(PREFIX) :]
     return kind[:2], TERM_SETS[kind[2:]]
@@ -172,7 +166,7 @@ def fit_equation_error(
     masks : Masks
         Its masks.
     estimator : str
-        One of `ESTIMATORS`.
+        One of `EQUATION_ERROR`.
     lag : int
         Command to position lag [samples]; negative = unknown, then the fit is refused.
     noise_sigma : float

@@ -61,7 +61,6 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import Stretch
     from valve_twin.core.valves.press_cartridge.estimation.response.timing import Timing
 
-ESTIMATOR = "kalman"
 
 _SPREAD = np.array([-2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0])
 """Where else the likelihood of the noise ratio is looked at, around the one found, logarithmic."""

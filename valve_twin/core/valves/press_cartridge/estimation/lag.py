@@ -27,7 +27,6 @@ from valve_twin.core.valves.press_cartridge.estimation.qp import (
     solve_qp,
 )
 from valve_twin.core.valves.press_cartridge.estimation.regression import (
-    TERM_SETS,
     TERMS,
     Gram,
     gram,
@@ -37,6 +36,7 @@ from valve_twin.core.valves.press_cartridge.estimation.regression import (
     usable_rows,
 )
 from valve_twin.core.valves.press_cartridge.estimation.solvers.small_qp import SOLVED, solve_small
+from valve_twin.core.valves.press_cartridge.estimators import TERM_SETS
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:

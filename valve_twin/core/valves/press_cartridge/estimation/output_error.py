@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Frames
     from valve_twin.core.valves.press_cartridge.estimation.response.timing import Timing
 
-ESTIMATOR = "output_error"
-
 
 def fit_output_error(
     frames: Frames,

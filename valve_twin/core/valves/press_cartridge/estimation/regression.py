@@ -24,14 +24,6 @@ if TYPE_CHECKING:
 TERMS = 8
 """Number of terms of paper 002, eq. (19)."""
 
-TERM_SETS: dict[str, tuple[int, ...]] = {
-    "3": (1, 2, 3),
-    "4": (1, 2, 3, 5),
-    "5": (1, 2, 3, 4, 5),
-    "8": (1, 2, 3, 4, 5, 6, 7, 8),
-}
-"""Terms by their number in the paper: eq. (25), (32), (29) and (18)."""
-
 
 @dataclass(frozen=True, slots=True)
 class Gram:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from test.core.valves.press_cartridge.generator import Truth, generate_cycle
-from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.memory import Memory
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.estimation.data.masks import find_masks
 from valve_twin.core.simulation import simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, ParameterStatus, ParameterValue
