@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from valve_twin.core.aging.assess import assess
-from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.aging.config import AgingConfig, Axis
+from valve_twin.core.aging.series import order_history
 from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.diagnosis.changes.finding import FRESH, Finding
 from valve_twin.core.diagnosis.refused import (
@@ -17,6 +18,7 @@ from valve_twin.core.diagnosis.refused import (
     still,
     with_still,
 )
+from valve_twin.core.past.columns import past_of
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import Condition, Estimate, EstimateStatus, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
@@ -196,19 +198,37 @@ def features(cycle, status=EstimateStatus.REFUSED):
     return replace(found, estimator="features", parameters=(), used_by_trend=False)
 
 
+def mute_of(history):
+    past = past_of(history)
+    return featureless(order_history(past, Axis.CYCLES).rows, past.features)
+
+
 def test_cycles_without_features_are_not_ok():
     shown = [features(c, EstimateStatus.PARTIAL) for c in range(1, 21)]
     later = [given(c) for c in range(21, 21 + LEAST_REFUSED)]
     mute = [features(c) for c in range(21, 21 + LEAST_REFUSED)]
-    said = featureless([*USUAL, *shown, *later, *mute])
+    said = mute_of([*USUAL, *shown, *later, *mute])
     assert said.startswith(f"the newest {LEAST_REFUSED} cycles show no features")
     told = verdict([*USUAL, *later, *mute])
     assert told.kind is VerdictKind.NO_REFERENCE
     seen = features(later[0].cycle, EstimateStatus.PARTIAL)
-    assert featureless([*USUAL, *shown, *later, seen, *mute[1:]]) == ""
-    assert featureless([*USUAL, *shown, *later]) == ""  # they are not asked for any more
+    assert mute_of([*USUAL, *shown, *later, seen, *mute[1:]]) == ""
+    assert mute_of([*USUAL, *shown, *later]) == ""  # they are not asked for any more
     beside = [refused(e.cycle, RefusalCode.MISFIT.value) for e in later[-2:]]
-    assert featureless([*USUAL, *shown, *later[:-2], *beside, *mute]) == said
+    assert mute_of([*USUAL, *shown, *later[:-2], *beside, *mute]) == said
+
+
+def test_cycles_without_features_are_seen_behind_a_counter_that_began_anew():
+    shown = [features(e.cycle, EstimateStatus.PARTIAL) for e in USUAL]
+    anew = [
+        replace(e, cycle=e.cycle - 20)
+        for c in range(21, 21 + LEAST_REFUSED)
+        for e in (given(c), features(c))
+    ]
+    assert mute_of([*USUAL, *shown, *anew]).startswith(f"the newest {LEAST_REFUSED} cycles")
+    assert mute_of([*USUAL, *anew, *shown]) == mute_of([*USUAL, *shown, *anew])
+    seen = replace(anew[1], status=EstimateStatus.PARTIAL)
+    assert mute_of([*USUAL, *shown, anew[0], seen, *anew[2:]]) == ""
 
 
 def test_wear_is_told_where_the_newest_cycles_show_no_features():

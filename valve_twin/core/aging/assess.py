@@ -217,7 +217,7 @@ def assess(
         cycle=newest,
         fault=diagnosis.present,
         stale=refused_lately(past),
-        doubt=diagnosis.doubt or featureless(past),
+        doubt=diagnosis.doubt or featureless(rows, past.features),
         failed="; ".join(filter(None, beside)),
         since=_first_compared(ordered, maintenance),
     )

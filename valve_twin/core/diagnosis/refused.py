@@ -12,6 +12,7 @@ import numpy as np
 from valve_twin.core.diagnosis.changes.finding import CLOCK, FRESH, Finding, Stale
 from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.past.columns import past_of
+from valve_twin.core.types import EstimateStatus
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 LEAST_REFUSED = 5
 """Newest cycles in a row without an estimate after which what was said before is withdrawn."""
 
+_CAME_LAST = 4 * LEAST_REFUSED  # features among which those of the newest cycles usually are
 _LEAST_USUAL = 5
 _OVERDUE = 2.5  # usual lengths of a cycle in which nothing answered the command, assumed
 _STILL = 0.1  # share of the usual stroke below which a cycle did not move, assumed
@@ -54,19 +56,27 @@ def refused_lately(history: Iterable[Estimate] | Past) -> Stale:
     return Stale(why, unusable, int(rows.cycle[newest[0]]))
 
 
-def featureless(history: Iterable[Estimate] | Past) -> str:
+def featureless(rows: Rows, features: Rows) -> str:
     """Return that the newest cycles show no features, so that no fault is seen; "" = they do.
 
     Parameters
     ----------
-    history : iterable of Estimate, or Past
-        Estimates of all estimators.
+    rows : Rows
+        The estimates that feed the trend, one a cycle, in the order of time.
+    features : Rows
+        The features of cycles, in any order; those that came last are looked at first.
     """
-    past = past_of(history)
-    newest = np.unique(past.trend.cycle)[-LEAST_REFUSED:]
-    sought, features = np.isin(newest, past.features.cycle), past.features
-    shown = np.isin(newest, features.cycle[features.given])
-    if len(newest) < LEAST_REFUSED or not sought.all() or shown.any():
+    newest = rows.end_ns[-LEAST_REFUSED:]
+    if len(newest) < LEAST_REFUSED:
+        return ""
+    for last in (_CAME_LAST, len(features)):
+        end_ns, status = features.end_ns[-last:], features.status[-last:]
+        theirs = np.isin(end_ns, newest)
+        if len(np.unique(end_ns[theirs])) == len(newest):
+            break
+    else:  # they are not asked for
+        return ""
+    if (status[theirs] != EstimateStatus.REFUSED).any():
         return ""
     return (
         f"the newest {LEAST_REFUSED} cycles show no features, so nothing is said of sudden "
