@@ -18,7 +18,11 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_LINEAR,
     Stretch,
 )
-from valve_twin.core.valves.press_cartridge.estimation.structure import whiten_columns
+from valve_twin.core.valves.press_cartridge.estimation.structure import (
+    find_middles,
+    second_values,
+    whiten_columns,
+)
 
 PERIOD_S = 0.03
 SIGMA, PROCESS = 1e-3, 2e-4
@@ -114,3 +118,37 @@ def test_columns_are_whitened_as_those_of_every_fit():
     assert whiten_columns(*data[:5], drives, pole, ratio, gram) == rows
     keep = [0, 1, 2, 3, 4, 6]
     assert gram == pytest.approx(expected[np.ix_(keep, keep)], rel=1e-12, abs=1e-18)
+
+
+def test_a_second_value_and_its_error_are_those_of_least_squares():
+    rng = np.random.default_rng(5)
+    common, splits = rng.standard_normal((200, 3)), rng.standard_normal((200, 2))
+    splits = np.column_stack([splits, common[:, 0], np.zeros(200)])  # two that tell nothing
+    y = common @ [1.0, -2.0, 0.5] + 0.3 * splits[:, 0] + 0.1 * rng.standard_normal(200)
+    matrix = np.column_stack([common, splits, y])
+    found = np.zeros((4, 2))
+    second_values(matrix.T @ matrix, 3, 200, found)
+    for split in range(2):
+        u = np.column_stack([common, splits[:, split]])
+        theta, cost, *_ = np.linalg.lstsq(u, y)
+        error = np.sqrt(cost[0] / (200 - 4) * np.linalg.inv(u.T @ u)[-1, -1])
+        assert found[split] == pytest.approx([theta[-1], error], rel=1e-9)
+    assert np.isnan(found[2:]).all()
+
+
+def test_the_middle_of_the_motion_halves_its_amount():
+    rng = np.random.default_rng(6)
+    y, command = np.cumsum(rng.standard_normal(300)), np.round(rng.random(300), 1)
+    moves = rng.random(300) < 0.5
+    middles, shares = np.zeros(2), np.zeros(2)
+    mean, amount = find_middles(y, moves, command, middles, shares)
+    moved = np.where(moves[1:], np.abs(np.diff(y)), 0.0)
+    assert mean == pytest.approx(moved @ command[1:] / moved.sum())
+    assert amount == pytest.approx(moved.sum())
+    for values, middle, share in zip((command[1:], y[:-1]), middles, shares, strict=True):
+        assert moved[values < middle].sum() < 0.5 * amount <= moved[values <= middle].sum()
+        assert share == pytest.approx(moved[values > middle].sum() / amount)
+    none = np.zeros(300, dtype=np.bool_)
+    assert find_middles(y, none, command, middles, shares) == (0.0, 0.0)
+    assert np.isnan(middles).all()
+    assert not shares.any()

@@ -36,6 +36,8 @@ sample in the lag makes 0.4 on the simulated press, whose pole is thus not one p
 _STANDARD_ERRORS = 4.0
 """How many of them a difference must have to count [1], assumed."""
 
+_DEPENDENT = 1e12  # condition number from which a split says nothing of its own [1]
+
 _MIN_SHARE = 0.15
 """Least share of the motion on each side of a split [1], assumed."""
 
@@ -100,9 +102,11 @@ def check_structure(
         ratio,
         gram,
     )
+    second = np.empty((len(splits), 2))
+    second_values(gram, len(columns), rows, second)
     found = [
-        _judged(s, *_second_value(gram, len(columns), len(columns) + k, rows))
-        for k, s in enumerate(splits)
+        _judged(s, *(second[k] if regular else _second_value(gram, len(columns), k, rows)))
+        for k, (s, regular) in enumerate(zip(splits, np.isfinite(second[:, 0]), strict=True))
     ]
     return (*found, *undecided)
 
@@ -138,32 +142,28 @@ def _splits(
 ) -> tuple[list[_Split], list[Guard]]:
     splits: list[_Split] = []
     undecided: list[Guard] = []
-    moved = np.abs(np.diff(run.position, prepend=run.position[:1]))
     before = np.concatenate([run.position[:1], run.position[:-1]])
+    middles, shares = np.empty(2), np.empty(2)
     for name, command, first, sign in (
         ("K_in", phases.v_in, 0, 1.0),
         ("K_out", phases.v_out, 2, -1.0),
     ):
         on = phases.free & phases.moving & (command > 0.0) & (solution.linear[first] > 0.0)
-        weight = np.where(on, moved, 0.0)
-        mean = float(weight @ command) / max(float(weight.sum()), 1e-300)
+        mean, amount = find_middles(run.position, on, command, middles, shares)
         base, sag = solution.linear[first : first + 2]
         size = float(base + sag * (2.0 * v_max - mean))
-        for kind, where, text in (
-            ("level", command, "at commands above"),
-            ("place", before, "at positions above"),
+        for kind, where, text, at, share in (
+            ("level", command, "at commands above", middles[0], shares[0]),
+            ("place", before, "at positions above", middles[1], shares[1]),
         ):
             title = f"structure: {name} by {kind}"
-            at = _median(where, weight)
-            upper = on & (where > at)
-            share = float(weight[upper].sum()) / max(float(weight.sum()), 1e-300)
             if not _MIN_SHARE <= share <= 1.0 - _MIN_SHARE or size <= 0.0:
                 lies = f"{share:.0%} of the motion lies {text} {at:.2g}"
-                why = f"cannot be told: {lies if weight.any() else 'no motion this way'}"
+                why = f"cannot be told: {lies if amount > 0.0 else 'no motion this way'}"
                 undecided.append(Guard(title, True, np.nan, _MAX_DIFFERENCE, why))
                 continue
             said = f"{name} {{}} {text} {at:.2g}"
-            drive = np.where(upper, sign * command, 0.0)
+            drive = np.where(on & (where > at), sign * command, 0.0)
             splits.append(_Split(title, drive, size, _MAX_DIFFERENCE, said))
     if solution.pole > 0.0 and (solution.linear[[0, 2]] > 0.0).all():
         title, limit = "structure: pole by direction", _MAX_POLE_DIFFERENCE
@@ -171,29 +171,17 @@ def _splits(
     return splits, undecided
 
 
-def _median(values: FloatArray, weight: FloatArray) -> float:
-    """Return the weighted median."""
-    weighty = weight > 0.0
-    if not weighty.any():
-        return float("nan")
-    values, weight = values[weighty], weight[weighty]
-    order = np.argsort(values, kind="stable")
-    total = np.cumsum(weight[order])
-    return float(values[order[np.searchsorted(total, 0.5 * total[-1])]])
-
-
-def _second_value(gram: FloatArray, size: int, column: int, rows: int) -> tuple[float, float]:
-    """Return how much one parameter differs beyond the split, and its standard error."""
+def _second_value(gram: FloatArray, size: int, split: int, rows: int) -> tuple[float, float]:
+    """Return the same as `second_values` of one split whose columns are nearly dependent."""
     scale = np.sqrt(np.diag(gram))
     scale = np.where(scale > 0.0, scale, 1.0)
     scaled = gram / np.outer(scale, scale)
+    column = size + split
     chosen = [*range(size), column]
     matrix = scaled[np.ix_(chosen, chosen)]
-    inverse = np.empty_like(matrix)
-    if not invert(matrix, np.arange(len(chosen)), inverse):
-        if np.linalg.cond(matrix) > 1e12:
-            return float("nan"), float("nan")
-        inverse = np.linalg.inv(matrix)
+    if np.linalg.cond(matrix) > _DEPENDENT:
+        return float("nan"), float("nan")
+    inverse = np.linalg.inv(matrix)
     solution = inverse @ scaled[chosen, -1]
     cost = max(1.0 - float(solution @ scaled[chosen, -1]), 0.0) * float(gram[-1, -1])
     variance = cost / max(rows - len(chosen), 1)
@@ -212,6 +200,88 @@ def _judged(split: _Split, apart: float, error: float) -> Guard:
     said = split.text.format(f"differs by {shown}{unit}")
     reason = f"{said} ({ratio:.1f} standard errors)"
     return Guard(split.name, bool(passed), float(relative), split.limit, reason)
+
+
+@njit(cache=True)
+def second_values(gram: FloatArray, size: int, rows: int, found: FloatArray) -> None:
+    """Write how much one parameter differs beyond each split, and its standard error.
+
+    Parameters
+    ----------
+    gram : (C + S + 1, C + S + 1) array
+        Normal equations of C parameters and S splits, the measurement last [1].
+    size : int
+        C [1].
+    rows : int
+        Innovations that they are made of [1].
+    found : (S, 2) array
+        Overwritten; NaN where the columns are dependent, or nearly [1].
+    """
+    last, count = len(gram) - 1, size + 1
+    which, inverse = np.arange(count), np.empty((count, count))
+    for split in range(len(found)):
+        which[size] = size + split
+        found[split, :] = np.nan
+        if not invert(gram, which, inverse):
+            continue
+        explained = apart = 0.0
+        for i in range(count):
+            apart = 0.0
+            for j in range(count):
+                apart += inverse[i, j] * gram[which[j], last]
+            explained += apart * gram[which[i], last]
+        variance = max(gram[last, last] - explained, 0.0) / max(rows - count, 1)
+        found[split, 0] = apart
+        found[split, 1] = np.sqrt(variance * inverse[size, size])
+
+
+@njit(cache=True)
+def find_middles(
+    y: FloatArray, moves: BoolArray, command: FloatArray, middles: FloatArray, shares: FloatArray
+) -> tuple[float, float]:
+    """Write where the motion under a command has its middle; return its mean and its amount.
+
+    Parameters
+    ----------
+    y : (N,) array
+        Measured position [1].
+    moves : (N,) bool array
+        Samples at which the command moves the spool.
+    command : (N,) array
+        Command [1].
+    middles, shares : (2,) arrays
+        Overwritten: the medians of command and of position before, each sample with the weight
+        of its motion, NaN without motion; the share of the motion beyond each [1].
+
+    Returns
+    -------
+    mean, amount : float
+        Mean of the command with the same weight, sum of the weights [1].
+    """
+    weight, values = np.empty(len(y)), np.empty((2, len(y)))
+    count, amount, mean = 0, 0.0, 0.0
+    for n in range(1, len(y)):
+        moved = abs(y[n] - y[n - 1])
+        if moves[n] and moved > 0.0:
+            weight[count], values[0, count], values[1, count] = moved, command[n], y[n - 1]
+            count += 1
+            amount += moved
+            mean += moved * command[n]
+    middles[:], shares[:] = np.nan, 0.0
+    if not count:
+        return 0.0, 0.0
+    for kind in range(2):
+        order = np.argsort(values[kind, :count], kind="mergesort")
+        half = 0.0
+        for k in order:
+            half += weight[k]
+            if half >= 0.5 * amount:
+                middles[kind] = values[kind, k]
+                break
+        for k in range(count):
+            if values[kind, k] > middles[kind]:
+                shares[kind] += weight[k] / amount
+    return mean / amount, amount
 
 
 @njit(cache=True)
