@@ -4,9 +4,12 @@
 
 from __future__ import annotations
 
+import shutil
+
 from test.io.history.conftest import make_server, postgres  # noqa: F401  fixtures
 from test.nodes.conftest import NS
 from test.nodes.test_history_trouble import Plant
+from test.small_disk import small_disk
 from valve_twin.io.history.store import History
 
 
@@ -45,3 +48,38 @@ def test_what_a_killed_server_missed_is_stored_when_both_are_back(graph, postgre
     graph.spin_until(lambda: "3 cycles that waited on disk are stored" in twin.log, 120.0, "word")
     assert plant.in_database() == list(range(1, 10))
     assert not list(tmp_path.glob("history-*/*"))
+
+
+def test_a_state_folder_that_is_full_or_gone_is_told_once_and_costs_what_memory_cannot_hold(
+    graph,
+    make_server,  # noqa: F811
+    tmp_path,
+):
+    """A node whose folder could not be made did not start, with a traceback."""
+    postgres = make_server()  # noqa: F811
+    postgres.initialise()
+    postgres.start()
+    with small_disk(tmp_path / "disk") as disk:
+        disk.fill()
+        disk.mount("remount,ro")
+        folder = disk.place / "state"
+        given = {"history_url": postgres.url, "state_folder": str(folder), "unsaved_limit": 3}
+        plant = OnServer(graph, postgres.url, **given)
+        plant.feed(2)
+        plant.wait_stored([1])
+        assert plant.twin.log.count("make the disk writable again; cycles that wait") == 1
+        disk.mount("remount,rw")
+        postgres.kill()
+        plant.feed(2)
+        graph.spin_until(lambda: "No space left on device" in plant.twin.log, 60.0, "a word")
+        disk.empty()
+        plant.feed(1)
+        graph.spin_until(lambda: "is written again" in plant.twin.log, 60.0, "a word")
+        shutil.rmtree(folder)  # what is in memory, too, is written anew
+        plant.feed(2)
+        assert len(list(folder.glob("history-*/*"))) >= 4
+        postgres.start()
+        plant.wait_stored([*range(1, 7)])
+        assert int(plant.figure("cycles dropped unsaved")) == 0
+        assert plant.twin.log.count("for the history are kept in memory") == 2, plant.twin.log
+        assert "Traceback" not in plant.twin.log

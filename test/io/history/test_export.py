@@ -7,6 +7,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import subprocess
 
 import pytest
 
@@ -87,6 +88,31 @@ def test_an_export_replaces_nothing_where_a_file_cannot_be_put(history, tmp_path
         history.export(folder)
     left = {p.name: p.read_bytes() for p in folder.glob("*.csv")}
     assert left == {name: data for name, data in names.items() if name in left}
+    assert not list(folder.glob(".*"))
+
+
+def test_an_export_that_ends_half_way_says_which_files_are_of_now(history, tmp_path):
+    """By a real refusal: a file that is mounted by itself cannot be replaced."""
+    folder = tmp_path / "csv"
+    names = {p.name: p.read_bytes() for p in history.export(folder)}
+    history.store("/v", record(2))
+    (tmp_path / "other").write_text("another disk's")
+    taken = str(folder / "maintenance.csv")
+    mount = ["mount", "--bind", str(tmp_path / "other"), taken]
+    if os.geteuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no right to mount a file")
+    said = (
+        "csv: cannot be written: Device or resource busy: .*; of now are cycles.csv, estimates.csv"
+        ", as before maintenance.csv, condensates.csv, history.jsonl$"
+    )
+    try:
+        with pytest.raises(StoreError, match=said):
+            history.export(folder)
+    finally:
+        subprocess.run(["umount", taken], check=True)
+    new = {p.name for p in folder.iterdir() if p.read_bytes() != names[p.name]}
+    assert new <= {"cycles.csv", "estimates.csv"}
+    assert "cycles.csv" in new
     assert not list(folder.glob(".*"))
 
 

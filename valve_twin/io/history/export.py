@@ -203,8 +203,7 @@ def export_files(database: Database, folder: Path) -> list[Path]:
             for name in writers:
                 if (folder / name).is_dir():
                     raise IsADirectoryError(errno.EISDIR, f"{name} is a folder")
-            for name, part in parts.items():  # nothing is replaced before all is written
-                os.replace(part, folder / name)
+            _replace(parts, folder)  # nothing is replaced before all is written
             with suppress(OSError):  # some network file systems keep their names in their own way
                 sync_folder(folder)
         finally:
@@ -212,6 +211,21 @@ def export_files(database: Database, folder: Path) -> list[Path]:
                 with suppress(OSError):
                     part.unlink(missing_ok=True)
     return [folder / name for name in writers]
+
+
+def _replace(parts: Mapping[str, Path], folder: Path) -> None:
+    """Put files in their places; where one cannot be, say which are of now by then."""
+    new: list[str] = []
+    try:
+        for name, part in parts.items():
+            os.replace(part, folder / name)
+            new.append(name)
+    except OSError as err:
+        if not new:
+            raise
+        old = ", ".join(name for name in parts if name not in new)
+        msg = f"{unwritable(folder, err)}; of now are {', '.join(new)}, as before {old}"
+        raise StoreError(msg) from err
 
 
 @contextmanager

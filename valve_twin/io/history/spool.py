@@ -198,7 +198,7 @@ class CycleSpool(JobQueue):
             return False
         self.written += 1
         try:
-            self._folder.mkdir(exist_ok=True)
+            self._folder.mkdir(parents=True, exist_ok=True)
             free = shutil.disk_usage(self._folder).free
             if free < self._floor + entry.size:
                 self.trouble = f"{self._folder}: {free / 2**20:.0f} MB are free"

@@ -70,7 +70,6 @@ class UnsavedCycles:
 
     def cycles_folder(self, valve: str) -> Path:
         """Return where cycles of a valve that wait for their estimation may be kept."""
-        self._make_folder()
         return self.folder / f"{_file_name(valve)}-cycles"
 
     def put(self, valve: str, cycle: UnsavedCycle) -> Path:
@@ -81,7 +80,7 @@ class UnsavedCycles:
         OSError
             If it cannot be written.
         """
-        self._make_folder()
+        self.prepare()
         path = self.folder / f"{_file_name(valve)}.{cycle.record.cycle:012d}"
         counters = cycle.counters
         rows: dict[str, Any] = {
@@ -110,7 +109,14 @@ class UnsavedCycles:
             self._is_found = True
         return kept
 
-    def _make_folder(self) -> None:
+    def prepare(self) -> None:
+        """Make the folder.
+
+        Raises
+        ------
+        OSError
+            If it cannot be.
+        """
         self._is_found = self._is_found and self.folder.is_dir()
         self.folder.mkdir(parents=True, exist_ok=True)
 

@@ -233,7 +233,7 @@ def test_a_full_disk_is_asked_once_a_try_and_told_once(bench, monkeypatch):
         retry()
         one.step()
     assert len(asked) == 4
-    assert len([line for line in one.lines if "not kept on disk" in line]) == 1
+    assert len([line for line in one.lines if "are kept in memory" in line]) == 1
     monkeypatch.undo()
     one.settle()
     assert [cycle for _, cycle in one.server.rows] == list(range(1, 21))

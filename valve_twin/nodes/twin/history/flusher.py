@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Flush the files of cycles that wait for a server, so that a power cut leaves them.
+"""Write and flush the files of cycles that wait for a server, so that a power cut leaves them.
 
 To write a file costs the data path a fraction of a millisecond, to flush it as long as the disk
 likes: that is done on a thread of its own, for all files that came meanwhile in one go.
@@ -12,13 +12,14 @@ import threading
 from functools import partial
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from valve_twin.io.errors import unwritable
 from valve_twin.nodes.runtime.worker import WorkerThread
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from valve_twin.io.history.unsaved import UnsavedCycles
+    from valve_twin.io.history.unsaved import UnsavedCycle, UnsavedCycles
     from valve_twin.nodes.runtime.node import ValveNode
     from valve_twin.nodes.runtime.worker import Outcome
 
@@ -48,13 +49,51 @@ class Flusher(Generic[Kept]):
         self._thread = WorkerThread("flush")
         self._gathered: list[tuple[Kept, Path]] = []
         self._lock = threading.Lock()
+        self._unkept = ""
+        try:
+            unsaved.prepare()
+        except OSError as err:
+            self._tell_unkept(err)
 
     @property
     def folder(self) -> Path:
         """Where the files are."""
         return self._unsaved.folder
 
-    def add(self, kept: Kept, file: Path) -> None:
+    def put(self, kept: Kept, valve: str, cycle: UnsavedCycle) -> Path | None:
+        """Write the file of what is kept; None where the disk does not take it, which is told.
+
+        Parameters
+        ----------
+        kept : object
+            What is told once it is flushed.
+        valve : str
+            Whose it is.
+        cycle : UnsavedCycle
+            What is written.
+        """
+        try:
+            file = self._unsaved.put(valve, cycle)
+        except OSError as err:
+            self._tell_unkept(err)
+            return None
+        if self._unkept:
+            self._node.get_logger().warning(f"{self.folder}: is written again")
+        self._unkept = ""
+        self._add(kept, file)
+        return file
+
+    def _tell_unkept(self, err: OSError) -> None:
+        """Say once that cycles are in memory only while the history does not take them."""
+        why = unwritable(self.folder, err)
+        if why != self._unkept:
+            self._node.get_logger().error(
+                f"state_folder {why}; cycles that wait for the history are kept in memory, up to "
+                "unsaved_limit"
+            )
+        self._unkept = why
+
+    def _add(self, kept: Kept, file: Path) -> None:
         """Flush the file of what is kept soon."""
         with self._lock:
             self._gathered.append((kept, file))

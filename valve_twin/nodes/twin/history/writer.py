@@ -174,7 +174,6 @@ class HistoryWriter:
     ) -> None:
         self._node, self.history, self.unsaved = node, history, unsaved
         self._shed = 0
-        self._unkept = ""
         self._retry_s, self._limit = retry_s, limit
         self._waiting: deque[QueuedCycle] = deque()
         self._storing: QueuedCycle | None = None
@@ -396,18 +395,14 @@ class HistoryWriter:
 
     def _keep(self, queued: QueuedCycle) -> bool:
         """Keep what is not stored on disk, if there is a place for it; return whether it is."""
-        if self.unsaved is None or queued.file is not None:
-            return queued.file is not None
+        if self._flusher is None:
+            return False
+        if queued.file is not None:
+            if queued.is_shed or queued.file.exists():
+                return True
+            _forget(queued)  # the folder was deleted or replaced
         cycle = UnsavedCycle(queued.record, queued.estimates, queued.counters)
-        try:
-            queued.file = self.unsaved.put(queued.valve.name, cycle)
-        except OSError as err:
-            if self._unkept != str(err.strerror):
-                self._node.get_logger().error(f"not kept on disk: {err}")
-            self._unkept = str(err.strerror)
-        else:
-            assert self._flusher is not None
-            self._flusher.add(queued, queued.file)
+        queued.file = self._flusher.put(queued, queued.valve.name, cycle)
         return queued.file is not None
 
     def _on_flushed(self, flushed: Iterable[tuple[QueuedCycle, bool]]) -> None:
