@@ -74,6 +74,22 @@ def test_what_a_recorder_left_that_died_at_its_start_displaces_nothing(tmp_path)
     assert len(names(tmp_path)) == 2
 
 
+def test_a_bag_that_took_the_place_of_an_earlier_recording_meanwhile_is_left_alone(tmp_path):
+    """Its file of the same name was deleted, and its metadata."""
+    begun(tmp_path).close()
+    later = begun(tmp_path, keep=2, first=1)
+    (tmp_path / "bag").rename(tmp_path / "moved")
+    (tmp_path / "else").mkdir()
+    begun(tmp_path / "else").close()
+    (tmp_path / "else" / "bag").rename(tmp_path / "bag")
+    for number in range(2, 5):
+        later.split()
+        later.write([message(number)])
+    later.close()
+    assert messages(tmp_path / "bag") == messages(tmp_path / "moved") == 1
+    assert names(tmp_path / "bag_002") == ["bag_002_2.mcap", "bag_002_3.mcap"]
+
+
 def test_files_that_another_recorder_writes_are_none_of_its_own(tmp_path):
     running = begun(tmp_path)
     begun(tmp_path, keep=1, first=1).close()

@@ -13,8 +13,11 @@ from typing import Any
 
 import pytest
 
+from test.nodes.aging import test_estimate_buffer
 from test.nodes.aging.test_estimate_buffer import CYCLES, STORED, VALVE, Twin
+from test.nodes.aging.test_node import aging_valve
 from test.nodes.conftest import NS
+from test.small_disk import small_disk
 from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.cutting.memory import Memory
@@ -23,6 +26,7 @@ from valve_twin.core.types import Maintenance
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.errors import StoreError
+from valve_twin.io.history.aging.file import write
 from valve_twin.nodes.aging import keeping, monitored_valve
 from valve_twin.nodes.aging.node import AgingMonitorNode
 
@@ -169,6 +173,42 @@ def test_a_folder_that_cannot_be_made_at_the_start_keeps_nobody_from_starting(
     node.trigger_deactivate()
     graph.spin_until(lambda: "what is known is kept again" in capfd.readouterr().err, what="it")
     assert list(folder.glob("aging*"))
+
+
+def test_a_full_disk_over_hundreds_of_estimates_is_told_once_and_tried_every_ten(
+    graph, monkeypatch, tmp_path, capfd
+):
+    monkeypatch.setattr(keeping, "WORTH", 5)
+    cycles, tries = 260, list[object]()
+    estimates = [replace(e, missed_cycles=0) for e in aging_valve(cycles + 20)]
+    monkeypatch.setattr(test_estimate_buffer, "VALVE", estimates)
+
+    def counted(path, content) -> None:
+        tries.append(path)
+        write(path, content)
+
+    monkeypatch.setattr(keeping, "write", counted)
+    twin = Twin(graph)
+    with small_disk(tmp_path / "disk", "1m") as disk:
+        disk.fill()
+        node = graph.host(AgingMonitorNode, retry_s=0.2, state_folder=str(disk.place / "state"))
+        (valve,) = node._valves
+        graph.spin_until(lambda: valve.assessment and valve.cycles == STORED, what="the history")
+        for number in range(STORED + 1, cycles + 1):
+            twin.publish_cycle(number)
+            graph.spin_until(lambda of=number: valve.cycles == of, what="a cycle")
+        graph.spin_until(lambda: not valve._busy, what="the last assessment")
+        said = capfd.readouterr().err
+        assert said.count("cannot be written: No space left on device: free some space") == 1
+        assert 1 < len(tries) <= (cycles - keeping.EVERY) // keeping.AGAIN + 1
+        disk.empty()
+        for number in range(cycles + 1, cycles + 20):
+            twin.publish_cycle(number)
+            graph.spin_until(lambda of=number: valve.cycles == of, what="a cycle")
+        graph.spin_until(lambda: list(disk.place.glob("state/aging*")), what="the file")
+        graph.spin_until(lambda: not valve._busy, what="the last work")
+        assert "what is known is kept again" in capfd.readouterr().err
+        node.trigger_deactivate()
 
 
 def test_what_could_not_be_written_is_tried_again_soon_and_at_the_end(tmp_path, monkeypatch, root):

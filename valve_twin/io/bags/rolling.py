@@ -159,7 +159,7 @@ class RollingFiles:
         self.custom: dict[str, str] = {}
         self.running: BagFile | None = None
         self._done: list[_Closed] = []
-        self._earlier: list[Path] = []
+        self._earlier: list[tuple[Path, os.stat_result]] = []
         self._delete_earlier: Callable[[Path], int] = _unlink
         self._unfinished: list[BagFile] = []
         self._next = 0
@@ -194,7 +194,7 @@ class RollingFiles:
         delete : callable
             Deletes one of them and returns its size [B].
         """
-        self._earlier, self._delete_earlier = list(earlier), delete
+        self._earlier, self._delete_earlier = [(f, f.stat()) for f in earlier], delete
         self._keep(self._rule.keep - 1)
 
     def note(self, values: Mapping[str, object]) -> None:
@@ -310,7 +310,8 @@ class RollingFiles:
     def drop_oldest(self) -> int:
         """Delete the oldest file that is closed; return its size, 0 where there is none [B]."""
         if self._earlier:
-            return max(self._delete_earlier(self._earlier.pop(0)), 1)
+            path, status = self._earlier.pop(0)  # another bag may have taken its place since
+            return max(self._delete_earlier(path) if stands(path, status) else 0, 1)
         if not self._done or not self._folder.is_own():
             return 0
         oldest = self._done.pop(0)
