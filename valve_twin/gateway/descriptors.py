@@ -7,10 +7,15 @@ from __future__ import annotations
 import errno
 import logging
 import os
+import select
 import socket
 import sys
 from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 from weakref import WeakSet
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 MOST_DESCRIPTORS = 8192
 """As many are asked for, where the system allows them: each is a connection with its memory,
@@ -35,6 +40,41 @@ def raise_descriptors() -> int:
     with suppress(OSError, ValueError):  # macOS grants fewer than it says
         resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
     return resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+
+
+class AnyDescriptor:
+    """Takes the place of the module `select` in a library: that ends at descriptor 1023."""
+
+    @staticmethod
+    def select(
+        readers: Iterable[Any], writers: Iterable[Any], _: Iterable[Any], timeout_s: float
+    ) -> tuple[list[Any], list[Any], list[Any]]:
+        """Return who can be read, who can be written, and nobody, as `select.select` does.
+
+        Parameters
+        ----------
+        readers, writers : iterable
+            Sockets, or whatever has a descriptor.
+        _ : iterable
+            Nobody is looked at for what is exceptional.
+        timeout_s : float
+            Longest wait [s].
+        """
+        readers, writers = list(readers), list(writers)
+        asked: dict[int, int] = {}
+        for of, event in ((readers, select.POLLIN), (writers, select.POLLOUT)):
+            for one in of:
+                asked[one.fileno()] = asked.get(one.fileno(), 0) | event
+        poll = select.poll()
+        for number, events in asked.items():
+            poll.register(number, events)  # ValueError where it is closed, as `select.select`
+        found = dict(poll.poll(1e3 * timeout_s))
+        ended = select.POLLERR | select.POLLHUP | select.POLLNVAL
+        ready = [
+            [one for one in of if found.get(one.fileno(), 0) & (event | ended)]
+            for of, event in ((readers, select.POLLIN), (writers, select.POLLOUT))
+        ]
+        return ready[0], ready[1], []
 
 
 def out_of_descriptors(err: OSError) -> bool:

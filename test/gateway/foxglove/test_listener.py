@@ -16,11 +16,15 @@ import pytest
 pytest.importorskip("foxglove", reason="needs the extra gateway")
 pytest.importorskip("websockets.sync.client", reason="needs the client websockets")
 
+from foxglove import Context
 from websockets.exceptions import WebSocketException
 
 from test.gateway.foxglove.test_face import LIMIT_S, Server, Viewer
 from test.gateway.test_web import store
 from valve_twin.gateway.descriptors import MOST_DESCRIPTORS
+from valve_twin.gateway.foxglove import listener as module
+from valve_twin.gateway.foxglove.face import _Subscriptions
+from valve_twin.gateway.foxglove.listener import Listener
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -100,3 +104,38 @@ def test_who_floods_the_pages_takes_no_descriptor_from_foxglove(server):
     until_looked_at(server)
     assert set(server.json()) == {VALVE}
     assert server.said().removeprefix(before).count("\n") <= 1
+
+
+def test_another_process_that_takes_the_port_meanwhile_is_told_and_outlasted(caplog, monkeypatch):
+    """It was taken for ourselves: nobody said that nothing was served."""
+    monkeypatch.setattr(module, "EVERY_S", 0.0)
+    listener = Listener(Context(), _Subscriptions(), "127.0.0.1", 0)
+    where = place(listener.start())
+
+    def gone() -> bool:
+        listener.stop()
+        while True:  # it lets go of its port a moment later
+            with suppress(OSError):
+                other.bind(where)
+                other.listen()
+                return False
+
+    with socket.socket() as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with monkeypatch.context() as harm:
+            harm.setattr(listener, "_listens", gone)
+            listener.look()
+        for _ in range(3):
+            listener.look()
+    end_s = time.monotonic() + LIMIT_S
+    while listener._server is None:
+        assert time.monotonic() < end_s
+        listener.look()
+    assert listener._listens()
+    listener.stop()
+    own = [r.getMessage() for r in caplog.records if r.name == "valve_twin"]
+    said = [text.split(": ", 1)[1] for text in own]
+    assert [text.partition(":")[0] for text in said] == [
+        "cannot listen",
+        "listens again",
+    ]

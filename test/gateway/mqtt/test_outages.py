@@ -6,10 +6,13 @@ from __future__ import annotations
 
 import json
 import logging
+import resource
 import threading
 from collections import Counter
+from contextlib import ExitStack
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -40,7 +43,6 @@ from valve_twin.gateway.plant import Plant
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from test.gateway.mqtt.brokers import Pair
     from valve_twin.gateway.mqtt.broker import Message
@@ -230,3 +232,26 @@ def test_a_full_disk_under_the_marks_loses_no_cycle_and_doubles_few(tmp_path):
     assert max(counts.values()) == 2
     assert state["valves"] == {VALVE: last}
     assert "Traceback" not in server.said()
+
+
+def test_a_broker_is_told_beside_more_than_a_thousand_clients(history, tmp_path, at_once):
+    """Its descriptor was beyond what `select` takes: no connection held until they had gone."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 4096), hard))
+    broker = Mosquitto(tmp_path)
+    listener = Listener(broker)
+    Speaker.gate.set()
+    try:
+        with ExitStack() as stack:
+            most = 0
+            while most < 1024:
+                most = stack.enter_context(Path("/dev/null").open("rb")).fileno()
+            told = Told(history, broker)
+            stack.callback(told.end)
+            wait_until(lambda: listener.of("DBIRTH", DEVICE), "a birth")
+            store(history, VALVE, range(FIRST + 1, FIRST + 2), -0.0045)
+            wait_until(lambda: (FIRST + 1, False) in listener.cycles(DEVICE), "a cycle")
+    finally:
+        broker.kill()
+        listener.end()
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))

@@ -7,7 +7,6 @@ from __future__ import annotations
 import logging
 import socket
 import time
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import foxglove
@@ -30,6 +29,9 @@ MOST_WAITING = 4096
 
 _PATIENCE_S = 3.0
 """A connection to ourselves that takes longer waits behind others: somebody listens [s]."""
+
+_MANY = 2
+"""A port that is refused so often in a row is told [1]."""
 
 _LOGGER = logging.getLogger("valve_twin")
 
@@ -59,6 +61,7 @@ class Listener:
         self._host, self._port = host, port
         self._server: WebSocketServer | None = None
         self._due_s = self._tell_s = 0.0
+        self._refused = 0
 
     def start(self) -> str:
         """Listen; return the address.
@@ -83,15 +86,25 @@ class Listener:
         if now_s < self._due_s:
             return
         self._due_s = now_s + EVERY_S
-        if self._listens():
+        if self._server is not None and self._listens():
             return
-        if now_s >= self._tell_s:
+        if self._server is not None and now_s >= self._tell_s:
             self._tell_s = now_s + TELL_S
-            text = "too many connections: all clients were let go, it listens anew"
-            _LOGGER.warning("Foxglove at %s:%d: %s", self._host, self._port, text)
+            self._tell("too many connections: all clients were let go, it listens anew")
         self.stop()
-        with suppress(OSError, RuntimeError):  # tried again
+        try:
             self._open()
+        except (OSError, RuntimeError) as err:  # tried again: another process has the port, say
+            self._refused += 1
+            if self._refused == _MANY:  # else our own port was not free at once
+                self._tell(f"cannot listen: {err}; tried again")
+            return
+        if self._refused >= _MANY:
+            self._tell("listens again")
+        self._refused = 0
+
+    def _tell(self, text: str) -> None:
+        _LOGGER.warning("Foxglove at %s:%d: %s", self._host, self._port, text)
 
     def stop(self) -> None:
         """Listen no more."""

@@ -7,12 +7,14 @@ from __future__ import annotations
 import logging
 import queue
 import random
+import select
 import threading
 import time
 from collections import deque
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Protocol
 
+import paho.mqtt.client
 from paho.mqtt.client import (
     CONNACK_ACCEPTED,
     MQTT_ERR_NO_CONN,
@@ -21,6 +23,7 @@ from paho.mqtt.client import (
     connack_string,
 )
 
+from valve_twin.gateway.descriptors import AnyDescriptor
 from valve_twin.gateway.view import View
 from valve_twin.io.errors import ValveTwinError
 
@@ -59,6 +62,9 @@ GONE = "the connection broke"
 
 STUCK_S = 30.0
 """A broker that takes nothing for so long is left [s]."""
+
+if hasattr(select, "poll"):  # elsewhere `select` takes any descriptor
+    paho.mqtt.client.select = AnyDescriptor
 
 _LOGGER = logging.getLogger("valve_twin")
 _Event = tuple[str, Any]
