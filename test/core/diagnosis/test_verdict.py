@@ -103,7 +103,7 @@ def test_a_record_of_the_parameters_is_none_of_the_features(kind, severity):
             -1e-3,
             VerdictKind.SENSOR,
             "sensor_offset",
-            "offset of the position sensor, size -0.00",
+            "offset of the position sensor, share of the travel, size -0.00",
         ),
         (
             "sensor_freeze",

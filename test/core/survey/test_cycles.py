@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.survey.cycles import plan_cycles, strokes_from_rest
+from valve_twin.core.survey.cycles import plan_cycles, short_windows, strokes_from_rest
 from valve_twin.core.survey.pairs import Signal
 from valve_twin.core.types import CycleRule
 
@@ -81,3 +81,33 @@ def test_a_hold_in_mid_range_is_no_rest_where_the_command_leaves_its_lowest_leve
     plan = plan_cycles([program(levels, wave=0.0)], STEP_S, has_counter=False)
     assert (plan.rule, plan.count) == (CycleRule.REFERENCE, 40)
     assert float(plan.values["reference_level"]) == pytest.approx(0.02)
+
+
+def wave(seconds, period_s, *, turns_s=2.0):
+    """Return a command that turns every so many seconds."""
+    t = np.arange(round(seconds / period_s)) * period_s
+    stamps = np.rint(t * 1e9).astype(np.int64)
+    return Signal("command", stamps, 0.5 + 0.4 * np.sin(np.pi * t / turns_s))
+
+
+def test_a_short_record_that_moves_much_has_windows_enough_for_a_reference_and_a_verdict():
+    command = wave(180.0, 0.01)
+    count = short_windows(command, 180.0, 0.01)
+    assert count == 15  # six turns each
+    plan = plan_cycles([command], 0.01, has_counter=False)
+    assert plan.rule is CycleRule.WINDOW
+    assert plan.values["window_s"] == pytest.approx(180.0 / count, rel=1e-3)
+
+
+def test_windows_of_a_short_record_keep_samples_and_moves_enough():
+    assert short_windows(wave(180.0, 0.3), 180.0, 0.3) == 3  # 200 samples each
+    assert short_windows(wave(180.0, 0.01, turns_s=60.0), 180.0, 0.01) == 0
+    assert short_windows(wave(7200.0, 0.1), 7200.0, 0.1) == 40
+    still = Signal("command", np.arange(500) * 10**9, np.full(500, 0.3))
+    assert short_windows(still, 500.0, 1.0) == 0
+
+
+def test_a_dither_makes_no_moves():
+    command = wave(180.0, 0.01, turns_s=60.0)
+    dither = 0.03 * np.sin(np.arange(len(command.values)))
+    assert short_windows(Signal("u", command.stamp_ns, command.values + dither), 180.0, 0.01) == 0

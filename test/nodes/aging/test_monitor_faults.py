@@ -78,7 +78,9 @@ def test_a_sensor_fault_is_told_stored_and_in_the_diagnostics(graph, history):
     assert verdicts[-1].text == "sensor"
     assert verdicts[-1].verdict == Verdict.SENSOR
     assert verdicts[-1].fault == "sensor_offset"
-    assert "offset of the position sensor, size 0.001" in verdicts[-1].evidence
+    assert (
+        "offset of the position sensor, share of the travel, size 0.001" in verdicts[-1].evidence
+    )
     assert f"since cycle {ONSET}" in verdicts[-1].evidence
 
     def told():

@@ -18,7 +18,7 @@ from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.generic.motion import motion_from
-from valve_twin.core.diagnosis.generic.naming import explained_in, renamed
+from valve_twin.core.diagnosis.generic.naming import named_by_motion
 from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
 from valve_twin.core.diagnosis.given.judged import judged, without_first
@@ -180,8 +180,8 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
             memory=of,
         )
         if any_valve and part.findings:
-            of_cycles = (cycles[own], steady, explained_in(shown)[own])
-            own_names = renamed(part.findings, *of_cycles, table, config, restarts)
+            seen = shown, own, steady, model, table
+            own_names = named_by_motion(part.findings, *seen, restarts=restarts)
             part = replace(part, findings=own_names)
         then = [
             _marked(f, _elsewhere(f, cycles, vectors, product, number, model), cycles, restarts)

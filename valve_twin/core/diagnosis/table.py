@@ -71,7 +71,12 @@ FAULT_TYPES = (
     FaultType("end_stop_lower", "valve", "raised lower end, share of the travel", most=1.0),
     FaultType("oscillation", "valve", "oscillating position, share of the travel", most=1.0),
     FaultType("no_motion", "valve", "no motion: the spool is stuck, or no command reaches it"),
-    FaultType("sensor_offset", "sensor", "offset of the position sensor", two_sided=True),
+    FaultType(
+        "sensor_offset",
+        "sensor",
+        "offset of the position sensor, share of the travel",
+        two_sided=True,
+    ),
     FaultType("sensor_gain", "sensor", "gain of the position sensor", two_sided=True),
     FaultType("sensor_freeze", "sensor", "freezing position sensor", most=1.0),
     FaultType("sensor_noise", "sensor", "noisier position sensor, noise at rest times"),

@@ -35,6 +35,10 @@ _INSIDE = 0.1  # share of its range from its ends where a command is in mid-rang
 _WINDOW_S = 300.0  # fixed window, assumed
 _LEAST_WINDOWS = 3
 _LEAST_IN_WINDOW = 100  # samples
+_MOVES = 6  # turns of the command in a window, moves of each way thrice, assumed
+_IN_SHORT = 200  # samples of a window of a short record at least, assumed
+_ENOUGH = 40  # windows that a short record is divided into at most: a reference and a verdict
+_TURN = 0.1  # share of its range by which a command turns, as a move of a response, assumed
 _COUNTED = "a counter is there"
 
 
@@ -224,8 +228,44 @@ def strokes_from_rest(command: Signal, answer: Signal) -> CyclePlan | None:
 def _windows(command: Signal, period_s: float) -> CyclePlan:
     duration_s = float(command.stamp_ns[-1] - command.stamp_ns[0]) / 1e9
     window_s = min(_WINDOW_S, max(duration_s / _LEAST_WINDOWS, _LEAST_IN_WINDOW * period_s))
+    short = short_windows(command, duration_s, period_s)
+    window_s = min(window_s, duration_s / short) if short else window_s
     reason = "the command does not come back to a rest: fixed windows"
     return CyclePlan(CycleRule.WINDOW, reason, {"window_s": window_s})
+
+
+def short_windows(command: Signal, whole_s: float, period_s: float) -> int:
+    """Return into how many windows a record may be divided that still show enough each.
+
+    A reference takes five cycles and a verdict some more: a record that is short but moves much
+    has them. Each window has moves of both ways and samples enough for every feature.
+
+    Parameters
+    ----------
+    command : Signal
+        In any unit.
+    whole_s : float
+        Length of the record [s].
+    period_s : float
+        Sampling time of the position [s].
+    """
+    samples = int(whole_s / period_s) // _IN_SHORT
+    return min(_turns(command.values) // _MOVES, samples, _ENOUGH)
+
+
+def _turns(values: FloatArray) -> int:
+    """Return how often a command turns by more than a share of its range."""
+    least = _TURN * float(np.ptp(values))
+    if not least > 0.0:
+        return 0
+    turns, way, low, high = 0, 0, float(values[0]), float(values[0])
+    for x in values[np.flatnonzero(np.diff(values, prepend=np.nan))].tolist():
+        low, high = min(low, x), max(high, x)
+        if way <= 0 and x > low + least:
+            turns, way, high = turns + 1, 1, x
+        elif way >= 0 and x < high - least:
+            turns, way, low = turns + 1, -1, x
+    return turns
 
 
 def _rises(values: FloatArray, level: float, low: float) -> IntArray:

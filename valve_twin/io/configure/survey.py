@@ -15,6 +15,7 @@ from valve_twin.core.survey.choose import Halves, Pair, choose_pairs, find_integ
 from valve_twin.core.survey.cycles import (
     CyclePlan,
     plan_cycles,
+    short_windows,
     strokes_from_rest,
     switched_cycles,
 )
@@ -296,6 +297,7 @@ def _even(plan: CyclePlan, survey: Survey, command: Signal) -> CyclePlan:
     whole_s = float(stamps[-1] - stamps[0]) * 1e-9 + survey.period_s
     count = max(round(whole_s / _WINDOW_S), _WINDOWS)
     count = min(count, int(whole_s / survey.period_s) // _IN_WINDOW)
+    count = max(count, short_windows(command, whole_s, survey.period_s))
     level = float(command.values.min()) + _ACTIVE * float(np.ptp(command.values))
     active = command.values > level
     if np.count_nonzero(np.diff(active.astype(np.int8)) > 0) < 2 and not active[0]:

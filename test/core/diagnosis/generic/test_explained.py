@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis.generic.explained import EXPLAINED, NAMED, explained, values
-from valve_twin.core.diagnosis.generic.faults import FAULTS, Sensed, source
+from valve_twin.core.diagnosis.generic.faults import FAULTS, Sensed, slipping, source
 from valve_twin.core.diagnosis.generic.features import Record
 from valve_twin.core.diagnosis.table import BY_NAME
 
@@ -47,6 +47,15 @@ def test_a_fault_explains_its_own_cycles_best_also_of_a_model_that_errs(motion, 
     more = {n: found[n] - sound[n] for n in NAMED}
     assert max(more, key=lambda n: more[n]) == fault
     assert more[fault] > 1.0
+
+
+@pytest.mark.parametrize("jump", [1.0 / 3.0, 1.0])
+def test_what_sticks_and_slips_explains_its_own_cycles_best(motion, jump):
+    share = motion / np.ptp(motion)
+    noise = 1e-3 * np.random.default_rng(8).standard_normal(len(motion))
+    stuck = slipping(share, 0.2, jump) + noise
+    found = explained(Record(stuck, share, PERIOD_S, np.zeros((len(motion), 0))))
+    assert max(found, key=lambda n: found[n]) == "sticking"
 
 
 def test_a_cycle_like_its_model_has_nothing_to_explain(motion):

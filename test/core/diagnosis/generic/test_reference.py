@@ -84,7 +84,7 @@ def test_the_verdict_names_the_fault(faulty):
     present = found.diagnosis.present
     assert present is not None
     assert present.onset == ONSET
-    assert present.severity == pytest.approx(0.004 / 0.69, rel=0.1)
+    assert present.severity == pytest.approx(0.004, rel=0.1)
 
 
 @pytest.mark.no_cover

@@ -7,10 +7,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from valve_twin.core.diagnosis.config import OF_ANY_VALVE
+from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.generic.faults import FAULTS
-from valve_twin.core.diagnosis.generic.features import FEATURE_SET, feature_set
-from valve_twin.core.diagnosis.generic.signatures import derive_table, signatures_of
+from valve_twin.core.diagnosis.generic.features import (
+    FEATURE_SET,
+    Record,
+    cycle_features,
+    feature_set,
+)
+from valve_twin.core.diagnosis.generic.motion import Motion
+from valve_twin.core.diagnosis.generic.signatures import derive_table, own_table, signatures_of
 from valve_twin.core.diagnosis.isolability import isolability
+from valve_twin.core.types import ParameterValue
 from valve_twin.core.valves.registry import get_model, model_names
 
 
@@ -74,3 +83,35 @@ def test_shipped_signatures_are_what_is_derived(name):
     assert again.faults == shipped.faults
     scale = np.sqrt(np.diag(np.array(shipped.covariance))) + np.array(shipped.floor)
     assert (again.changes() / scale) == pytest.approx(shipped.changes() / scale, rel=0.1, abs=1.0)
+
+
+COARSE = Motion(0.5, 1e-3, 1e-3, (0.0, 60.0, 76.0, 140.0, 154.0, 220.0), (0, 0, 1.0, 1.0, 0, 0))
+"""Strokes of an on/off valve in 8 and 7 s, sampled every 0.5 s."""
+
+
+def coarse(late):
+    """Return features of cycles (N, F) whose strokes (N, 2) come so many samples later."""
+    own, followed = COARSE.positions(), get_model("first_order").feature_set
+    t, rows = np.arange(len(own), dtype=np.float64), []
+    for cycle, (up, down) in enumerate(late):
+        chance = np.random.default_rng([5, cycle])
+        y = np.interp(t - np.where(t < 110.0, up, down), t, own)
+        y = np.round((y + 1e-3 * chance.standard_normal(len(y))) / 1e-3) * 1e-3
+        found = cycle_features(Record(y, own, COARSE.period_s, np.zeros((len(y), 0))))
+        rows.append(followed.vector(ParameterValue(n, v) for n, v in found.items()))
+    return np.array(rows)
+
+
+def test_two_cycles_with_a_stroke_one_sample_later_are_no_fault():
+    late = np.random.default_rng(2).uniform(-0.1, 0.1, (60, 2))
+    table, cycles = own_table("first_order", COARSE), np.arange(1, 61)
+    late[50:52, 1] += 1.0
+    assert not detect(cycles, coarse(late), table, OF_ANY_VALVE).findings
+    late[50:] += 4.0
+    assert detect(cycles, coarse(late), table, OF_ANY_VALVE).findings[0].onset == 51
+
+
+def test_what_the_logger_does_not_resolve_is_scatter_of_sound_cycles():
+    table = own_table("first_order", COARSE)
+    place = table.features.index("lag_up")
+    assert table.least()[place] == pytest.approx(0.5 / 6.0**0.5, rel=0.35)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.generic.faults import FAULTS, Sensed, source
+from valve_twin.core.diagnosis.generic.faults import FAULTS, Sensed, slipping, source
 from valve_twin.core.diagnosis.generic.moves import find_moves
 from valve_twin.core.types import Parameter, ParameterValue
 
@@ -33,6 +33,9 @@ _WIDTHS = np.geomspace(0.004, 0.4, 12)
 _SLOWER = np.geomspace(0.03, 2.0, 11)
 """Sizes that are tried of slower moves, assumed [1]."""
 
+_JUMPS = (1.0 / 3.0, 2.0 / 3.0, 1.0)
+"""Slip jumps of what sticks that are tried, assumed [share of the stick band]."""
+
 _LATER = np.concatenate((np.arange(0.5, 4.0, 0.5), np.geomspace(4.0, 60.0, 11)))
 """Delays that are tried, assumed [samples]."""
 
@@ -41,7 +44,6 @@ _WAVES = np.geomspace(7.0, 32.0, 40)
 
 _SHAPES = (
     "lost_motion",
-    "sticking",
     "end_stop_upper",
     "end_stop_lower",
     "delay",
@@ -51,7 +53,7 @@ _SHAPES = (
 )
 """Faults whose response is that of `FAULTS`, size by size."""
 
-NAMED = ("sensor_gain", "command_loss", "oscillation", *_SHAPES)
+NAMED = ("sensor_gain", "command_loss", "oscillation", "sticking", *_SHAPES)
 """Faults of which it is told how much they explain."""
 
 PARAMETERS = tuple(
@@ -101,6 +103,7 @@ def explained(record: Record) -> dict[str, float]:
         "sensor_gain": np.log(left / _behind_gain(off, motion[known])),
         "command_loss": np.log(left / _left((measured - _lost(measured, motion, moves))[known])),
         "oscillation": np.log(left / _behind_wave(measured - motion, known)),
+        "sticking": np.log(left / _behind_slips(measured, motion, known)),
     }
     period_s = record.period_s * step
     sensed = Sensed(motion, np.zeros(len(motion)), period_s, source(0, 0), moves)
@@ -140,6 +143,12 @@ def _behind_wave(off: FloatArray, known: BoolArray) -> float:
     most = float((np.abs(turns @ about) ** 2).max())
     count = np.count_nonzero(known)
     return max(float(about @ about) - 2.0 * most / count, 0.0) / count + _FLOOR**2
+
+
+def _behind_slips(measured: FloatArray, motion: FloatArray, known: BoolArray) -> float:
+    """Return what is left of a difference behind the stick band and slip jump that fit it best."""
+    shown = (slipping(motion, float(s), j) for s in _WIDTHS for j in _JUMPS)
+    return min(_left((measured - row)[known]) for row in shown)
 
 
 def _lost(measured: FloatArray, motion: FloatArray, moves: Sequence[Move]) -> FloatArray:

@@ -115,6 +115,44 @@ def _stick(x: FloatArray, hold: FloatArray, out: FloatArray) -> None:
         out[n] = place
 
 
+@njit(cache=True)
+def _slip(x: FloatArray, grip: float, slide: float, stop: float, out: FloatArray) -> None:
+    place, way = x[0], 0.0
+    for n in range(len(x)):
+        if way != 0.0:
+            end = x[n] - way * slide
+            if (x[n] - x[n - 1]) * way < stop or (end - place) * way <= 0.0:
+                way = 0.0
+            else:
+                place = end
+        if way == 0.0 and abs(x[n] - place) > grip:
+            way = 1.0 if x[n] > place else -1.0
+            place = x[n] - way * slide
+        out[n] = place
+
+
+def slipping(motion: FloatArray, band: float, jump: float) -> FloatArray:
+    """Return the motion (N,) of what stands until it lags by half of S + J and slips by J.
+
+    Parameters
+    ----------
+    motion : (N,) array
+        Without friction [any unit].
+    band : float
+        Stick band S: what it lags by in motion is half of S - J [same unit].
+    jump : float
+        Slip jump J, 0 for play [share of the band].
+    """
+    out = np.empty_like(motion)
+    stop = _STOPS * float(np.abs(np.diff(motion)).max(initial=0.0))
+    _slip(motion, 0.5 * band * (1.0 + jump), 0.5 * band * (1.0 - jump), stop, out)
+    return out
+
+
+_STOPS = 0.02
+"""Share of its greatest speed below which what slides stands again, assumed [1]."""
+
+
 def _lost_motion(s: Sensed, size: float) -> FloatArray:
     out = np.empty_like(s.motion)
     _play(s.motion, size, out)

@@ -61,6 +61,9 @@ SHARES = ("repeats", UNFOLLOWED, "saturated")
 DEVIATION = "deviation"
 """Name of the rms of position minus free run over the span, published and not followed [1]."""
 
+SPAN = "span"
+"""Name of the way that the model makes in a cycle, published and not followed [position]."""
+
 _LEAST_SAMPLES = 30
 _LEAST_LEVEL = 5
 _LEAST_MOVE = 6
@@ -171,7 +174,7 @@ def cycle_features(record: Record) -> dict[str, float]:
     record : Record
         Measured and expected.
     """
-    found = dict.fromkeys((*NAMES, DEVIATION), float("nan"))
+    found = dict.fromkeys((*NAMES, DEVIATION, SPAN), float("nan"))
     y = record.position[np.isfinite(record.position)]
     if len(y) < _LEAST_SAMPLES or record.missing > _MOST_GAPS:
         return found
@@ -184,6 +187,7 @@ def cycle_features(record: Record) -> dict[str, float]:
     span = float(np.ptp(response)) if len(response) >= _LEAST_SAMPLES else 0.0
     if not span > 0.0:
         return found
+    found[SPAN] = span
     off = (record.position[known] - response) / span
     found[DEVIATION] = float(np.sqrt(np.mean(off**2)))
     step = step_of(record.position[known]) / span

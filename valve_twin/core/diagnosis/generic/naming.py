@@ -14,7 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.generic.explained import EXPLAINED, NAMED
+from valve_twin.core.diagnosis.generic.features import SPAN
+from valve_twin.core.diagnosis.generic.stands import LOST, REGAINED
 from valve_twin.core.diagnosis.table import BY_NAME
 
 if TYPE_CHECKING:
@@ -24,7 +27,8 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis.config import DetectionConfig
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.past.columns import Rows
-    from valve_twin.core.types import FloatArray, IntArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
+    from valve_twin.core.valves.interface import ValveModel
 
 _KEPT = ("sensor_freeze", "sensor_noise", "sensor_offset", "no_motion", "saturation")
 """Faults that are named by what they are, not by a motion; a level says nothing here."""
@@ -45,6 +49,99 @@ _NEAR = 0.7
 """Share of what the best explains from which on another one may be it as well, assumed [1]."""
 
 
+_SHAPED = 1.0
+"""What must explain more beside what seems to be an offset, as a logarithm, assumed [1]."""
+
+_FROZEN = 0.5
+"""Share of its size by which the repeated values of a freezing sensor rise at least [1]."""
+
+_REPEATS = "repeats"
+_PLAY, _STICKS = "lost_motion", "sticking"
+
+_JUMPS = 0.3
+_NO_JUMPS = 0.15
+"""Share of the way it lost that what sticks regains at least, what has play at most; between them
+it may be either, set on own plants [1]."""
+
+
+def stands_in(rows: Rows) -> FloatArray:
+    """Return what cycles lost by standing still and regained, (N, 2) [span]; NaN = not known."""
+    return np.column_stack([rows.usable(n) for n in (LOST, REGAINED)])
+
+
+_LENGTHS = frozenset(
+    {"sensor_offset", _PLAY, _STICKS, "end_stop_upper", "end_stop_lower", "oscillation"}
+)
+"""Faults whose size is a length."""
+
+
+def named_by_motion(
+    findings: Sequence[Finding],
+    shown: Rows,
+    own: BoolArray | slice,
+    features: FloatArray,
+    model: ValveModel,
+    table: SignatureTable,
+    *,
+    restarts: Sequence[int] = (),
+) -> tuple[Finding, ...]:
+    """Return faults of one product with the names and sizes that the motion of its cycles gives.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        Faults, named by their signatures.
+    shown : Rows
+        Features of all cycles (N,) as they are stored.
+    own : (N,) bool array or slice
+        Which cycles make the product.
+    features : (K, F) array
+        Features of these as they are followed [unit by feature].
+    model : ValveModel
+        The valve's model.
+    table : SignatureTable
+        Signatures of the valve's faults.
+    restarts : sequence of int
+        Cycle numbers of maintenance.
+    """
+    config, cycles = detection_of(model.feature_set), shown.cycle[own]
+    ways = explained_in(shown)[own], table, config, restarts, stands_in(shown)[own]
+    named = renamed(findings, cycles, features, *ways)
+    if not model.normalised:
+        return named
+    return in_travel(named, cycles, shown.usable(SPAN)[own], config)
+
+
+def in_travel(
+    findings: Sequence[Finding], cycles: IntArray, spans: FloatArray, config: DetectionConfig
+) -> tuple[Finding, ...]:
+    """Return faults with lengths as shares of the travel, where they are of what cycles made.
+
+    Features are shares of the way that the model makes in a cycle: a zero that is off by 6 % of
+    the travel is 0.6 of cycles that use a tenth of it.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        Faults of a valve whose position is a share of its travel.
+    cycles : (N,) int array
+        Cycle numbers, rising.
+    spans : (N,) array
+        Way that the model makes in each [share of the travel]; NaN where not known.
+    config : DetectionConfig
+        How many cycles name a fault.
+    """
+    sized = []
+    for f in findings:
+        until = f.end if f.end >= 0 else np.inf
+        own = spans[(cycles >= f.onset) & (cycles < until)][: config.isolate + 1]
+        own = own[np.isfinite(own) & (own > 0.0)]
+        of_travel = f.fault in _LENGTHS and len(own) > 0
+        scale = 1.0 / float(np.mean(1.0 / own)) if of_travel else 1.0
+        sized.append(replace(f, severity=f.severity * scale))
+    return tuple(sized)
+
+
 def explained_in(rows: Rows) -> FloatArray:
     """Return how much each of `NAMED` explains in each cycle, (N, K) [1]; NaN where not known."""
     return np.column_stack([rows.usable(f"{EXPLAINED}{n}") for n in NAMED])
@@ -58,6 +155,7 @@ def renamed(
     table: SignatureTable,
     config: DetectionConfig,
     restarts: Sequence[int] = (),
+    stood: FloatArray | None = None,
 ) -> tuple[Finding, ...]:
     """Return faults of one product with the names that explain the motion of their cycles.
 
@@ -77,6 +175,8 @@ def renamed(
         How many cycles name a fault.
     restarts : sequence of int
         Cycle numbers of maintenance.
+    stood : (N, 2) array, optional
+        What each cycle lost by standing still and regained [span]; NaN where not known.
     """
     free = np.ones(len(cycles), dtype=np.bool_)
     for f in findings:
@@ -90,29 +190,90 @@ def renamed(
         with_it = np.flatnonzero((cycles >= f.onset) & (cycles < until))[: config.isolate + 1]
         with_it = with_it[1:] if len(with_it) > 1 else with_it  # that of the onset is a mixture
         more = np.where(known, _more(shown[before], shown[with_it]), -np.inf)
-        named.append(_named(f, more, vectors[before], vectors[with_it], table))
+        change = _mean(vectors[with_it]) - _mean(vectors[before])
+        frozen = _repeats_more(f, vectors[before], vectors[with_it], table)
+        found = _named(f, more, change, table, frozen=frozen)
+        if stood is not None and found.fault in (_PLAY, _STICKS):
+            jumps = _jumps(stood[before], stood[with_it])
+            found = _by_jumps(found, jumps, more, change, table)
+        named.append(found)
     return tuple(named)
 
 
 def _named(
     finding: Finding,
     more: FloatArray,
-    before: FloatArray,
-    with_it: FloatArray,
+    change: FloatArray,
     table: SignatureTable,
+    *,
+    frozen: bool,
 ) -> Finding:
-    """Return a fault by what explains (K,) more since it began; features before and with it."""
+    """Return a fault by what explains (K,) more since it began; `change` (F,) of the features.
+
+    A sensor that repeats no more values than before is not frozen, and an offset that comes with
+    a change of shape is what makes that.
+    """
     best = int(np.argmax(more))
     now = more[NAMED.index(finding.fault)] if finding.fault in NAMED else 0.0
-    if finding.fault in _KEPT:
+    shaped = finding.fault == "sensor_offset" and more[best] > _SHAPED
+    if finding.fault in _KEPT and frozen and not shaped:  # level and noise have no shape
         return finding
     if not more[best] > max(_LEAST, _BETTER * now):
         return _beside(finding, more) if now > _LEAST else finding
     name, near = NAMED[best], more > _NEAR * more[best]
     rivals = tuple(n for k, n in enumerate(NAMED) if near[k] and k != best)
-    change = _mean(with_it) - _mean(before)
     part, size = BY_NAME[name].part, _size(name, change, table)
     return replace(finding, fault=name, rivals=rivals, part=part, severity=size)
+
+
+def _jumps(before: FloatArray, with_it: FloatArray) -> float:
+    """Return which share of the way that it lost since it began is regained; (N, 2) rows [span].
+
+    NaN where it did not lose more than before.
+    """
+    then, now = (rows[np.isfinite(rows).all(axis=1)] for rows in (before, with_it))
+    if len(then) < _LEAST_BEFORE or not len(now):
+        return float("nan")
+    lost, regained = now.mean(axis=0) - then.mean(axis=0)
+    error = then[:, 0].std(ddof=1) * np.sqrt(1.0 / len(then) + 1.0 / len(now))
+    return float(max(regained / lost, 0.0)) if lost > _ERRORS * error else float("nan")
+
+
+def _by_jumps(
+    finding: Finding, jumps: float, more: FloatArray, change: FloatArray, table: SignatureTable
+) -> Finding:
+    """Return what sticks or has play by the share of way regained; by what explains where unsure.
+
+    Behind it stands the other one only where it is unsure; `more` (K,) explains, `change` (F,) is
+    that of the features.
+    """
+    play, sticks = (more[NAMED.index(n)] for n in (_PLAY, _STICKS))
+    sure = jumps >= _JUMPS or jumps <= _NO_JUMPS
+    if not sure and not max(play, sticks) > _LEAST:
+        return finding
+    name = _STICKS if (jumps >= _JUMPS if sure else sticks > play) else _PLAY
+    rivals = tuple(n for n in finding.rivals if n not in (_PLAY, _STICKS))
+    if name not in table.faults:
+        return finding
+    if not sure:
+        rivals = (*rivals, _PLAY if name == _STICKS else _STICKS)
+    size = finding.severity if name == finding.fault else _size(name, change, table)
+    return replace(finding, fault=name, rivals=rivals, severity=size)
+
+
+def _repeats_more(
+    finding: Finding, before: FloatArray, with_it: FloatArray, table: SignatureTable
+) -> bool:
+    """Return whether a sensor that is said to freeze repeats more values, (N, F) features."""
+    if finding.fault != "sensor_freeze" or _REPEATS not in table.features:
+        return True
+    place = table.features.index(_REPEATS)
+    then, now = (rows[np.isfinite(rows[:, place]), place] for rows in (before, with_it))
+    if len(then) < _LEAST_BEFORE or not len(now):
+        return True
+    error = then.std(ddof=1) * np.sqrt(1.0 / len(then) + 1.0 / len(now))
+    least = max(_ERRORS * error, _FROZEN * finding.severity * (1.0 - then.mean()))
+    return bool(now.mean() - then.mean() > least)
 
 
 def _beside(finding: Finding, more: FloatArray) -> Finding:

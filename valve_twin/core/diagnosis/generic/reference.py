@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR
-from valve_twin.core.diagnosis.generic import explained
+from valve_twin.core.diagnosis.generic import explained, stands
 from valve_twin.core.diagnosis.generic.features import (
     DEVIATION,
     FEATURES,
     MOVE_NOISE,
     RELATIVE,
+    SPAN,
     Record,
     cycle_features,
 )
@@ -49,6 +50,9 @@ REFERENCE_CYCLES = 5
 
 _PREFIX = "reference."
 
+_BESIDE = (DEVIATION, SPAN)
+"""What is published beside the features that are followed."""
+
 
 @dataclass(frozen=True, slots=True)
 class Reference:
@@ -69,13 +73,16 @@ def published(model: ValveModel) -> tuple[Parameter, ...]:
     if not model.feature_set.of_any_valve:
         return model.parameters
     deviation = Parameter(DEVIATION, "1", "feature: rms off the model, share of the span", 0.0)
+    span = Parameter(SPAN, "1", "feature: way that the model makes, as the position", 0.0)
     kept = (replace(p, name=f"{_PREFIX}{p.name}", trend=False) for p in model.parameters)
     return (
         *model.parameters,
         *FEATURES,
         deviation,
+        span,
         *kept,
         *explained.PARAMETERS,
+        *stands.PARAMETERS,
         *PARAMETERS,
     )
 
@@ -165,7 +172,7 @@ def estimate_features(
     else:
         values += [ParameterValue(f"{_PREFIX}{n}", v) for n, v in reference.values.items()]
         if shown and not model.feature_set.by_model:
-            values += explained.values(record)
+            values += [*explained.values(record), *stands.values(record)]
         if shown and not any(map(numbers_of, earlier)):
             motion = motion_of(record, values)
             values += motion.values() if motion else []
@@ -197,7 +204,7 @@ def features_of(model: ValveModel, record: Record) -> list[ParameterValue]:
     """
     followed = model.feature_set.names
     found = cycle_features(record)
-    return [_value(n, v) for n, v in found.items() if n in followed or n == DEVIATION]
+    return [_value(n, v) for n, v in found.items() if n in followed or n in _BESIDE]
 
 
 def record_against(

@@ -13,6 +13,7 @@ import numpy as np
 from valve_twin.core.diagnosis.derive import SimulatedBench
 from valve_twin.core.diagnosis.generic.faults import FAULTS, Sensed, source
 from valve_twin.core.diagnosis.generic.features import Record, cycle_features
+from valve_twin.core.diagnosis.generic.moves import find_moves
 from valve_twin.core.diagnosis.generic.reference import (
     REFERENCE_CYCLES,
     Reference,
@@ -33,6 +34,10 @@ if TYPE_CHECKING:
     from valve_twin.core.simulation.block import SimulationBlock
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import FloatArray
+
+
+_SAMPLED = 8
+"""Stream of the random numbers of where moves begin between two samples."""
 
 
 class FaultyValve:
@@ -214,15 +219,50 @@ class MotionRig:
 
     def run(self, valve: MovedValve, cycles: int) -> FloatArray:
         """Run a valve on and return the features of its next cycles, (cycles, F)."""
-        rows, none = [], np.zeros((len(self.positions), 0))
-        own, period_s, step = self.positions, self.motion.period_s, self.motion.step
+        rows, own, period_s = [], self.positions, self.motion.period_s
         for _ in range(cycles):
             valve.cycle += 1
             chance = np.random.default_rng([valve.seed, valve.cycle])
             noise = self.motion.sigma * chance.standard_normal(len(own))
             sensed = Sensed(own, noise, period_s, source(valve.seed, valve.cycle))
             y = FAULTS[valve.fault](sensed, valve.size) if valve.fault else own + noise
-            y = step * np.round(y / step) if step else y
-            found = cycle_features(Record(y, own, period_s, none))
-            rows.append(self.feature_set.vector(ParameterValue(n, v) for n, v in found.items()))
+            rows.append(self._row(y))
         return np.array(rows)
+
+    def sampled(self, seed: int, cycles: int) -> FloatArray:
+        """Return the features of cycles whose moves begin up to a sample earlier or later.
+
+        A logger does not resolve more: two strokes that differ by a sample are alike to it.
+
+        Parameters
+        ----------
+        seed : int
+            Of all random numbers.
+        cycles : int
+            How many [1].
+
+        Returns
+        -------
+        (cycles, F) array
+            As they are followed [unit by feature].
+        """
+        own, rows = self.positions, []
+        moves = find_moves(own)[0]
+        for cycle in range(cycles):
+            chance = np.random.default_rng([seed, cycle, _SAMPLED])
+            y = own.copy()
+            for move, late in zip(
+                moves, chance.triangular(-1.0, 0.0, 1.0, len(moves)), strict=True
+            ):
+                part = own[move.first : move.next]
+                t = np.arange(len(part), dtype=np.float64)
+                y[move.first : move.next] = np.interp(t - late, t, part)
+            rows.append(self._row(y + self.motion.sigma * chance.standard_normal(len(y))))
+        return np.array(rows)
+
+    def _row(self, position: FloatArray) -> FloatArray:
+        """Return the features of a cycle (N,) as they are followed, (F,)."""
+        step, none = self.motion.step, np.zeros((len(position), 0))
+        y = step * np.round(position / step) if step else position
+        found = cycle_features(Record(y, self.positions, self.motion.period_s, none))
+        return self.feature_set.vector(ParameterValue(n, v) for n, v in found.items())

@@ -22,11 +22,12 @@ from valve_twin.core.diagnosis.generic.faults import FIRST_SIZES, LARGEST, SET_S
 from valve_twin.core.diagnosis.generic.features import ROOTS
 from valve_twin.core.diagnosis.generic.made_up import made_up
 from valve_twin.core.diagnosis.generic.rig import IdealRig, ModelRig, MotionRig
-from valve_twin.core.diagnosis.table import FACTORS, Signature, SignatureTable
+from valve_twin.core.diagnosis.table import FACTORS, Signature, SignatureTable, with_floor
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.features import FeatureSet
     from valve_twin.core.diagnosis.generic.motion import Motion
+    from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.interface import ValveModel
 
 _SIZES = (*FACTORS, 30.0, 100.0, 300.0)
@@ -39,6 +40,9 @@ _OWN_EFFORT = Effort(seeds=(900, 901), healthy=20, faulty=2, factors=_SIZES)
 _OWN_CHANCE_EFFORT = Effort(seeds=(900, 901), healthy=20, faulty=8, factors=_SIZES)
 _HEALTHY = 8
 """Cycles whose mean is the level of a feature."""
+
+_SAMPLED_CYCLES = 64
+"""Cycles that tell how features scatter by where moves begin between two samples."""
 
 _KEPT = 128
 """Motions whose signatures a process keeps."""
@@ -126,7 +130,20 @@ def own_table(name: str, motion: Motion) -> SignatureTable:
     followed = get_model(name).feature_set
     followed = replace(followed, first_sizes=FIRST_SIZES, largest=LARGEST)
     rig = MotionRig(motion, motion.positions(), followed)
-    return _derived_on(rig, _OWN_EFFORT, _OWN_CHANCE_EFFORT)
+    table = _derived_on(rig, _OWN_EFFORT, _OWN_CHANCE_EFFORT)
+    return replace(table, covariance=_resolved(rig, np.array(table.covariance)))
+
+
+def _resolved(rig: MotionRig, covariance: FloatArray) -> tuple[tuple[float, ...], ...]:
+    """Return a covariance (F, F) of sound cycles with what the logger does not resolve.
+
+    A move that seems to begin a sample later changes delay, roughness and noise of moves at once.
+    """
+    rows = rig.sampled(_OWN_EFFORT.seeds[0], _SAMPLED_CYCLES)
+    shown = np.isfinite(rows).all(axis=0)
+    rows = np.where(shown, rows, 0.0)
+    found = with_floor(np.cov(rows, rowvar=False), np.sqrt(np.diag(covariance)))
+    return tuple(tuple(float(f"{x:.5g}") for x in row) for row in found)
 
 
 def _derived_on(rig: Bench[V], effort: Effort, by_chance_effort: Effort) -> SignatureTable:
