@@ -23,6 +23,7 @@ from test.gateway.chromium import Browser
 from test.gateway.test_web import store
 from test.nodes.conftest import NS
 from test.nodes.gateway.fake_twin import RATE_HZ, expected
+from test.small_disk import small_disk
 from valve_twin.gateway.passwords import user_line
 from valve_twin.gateway.plant import WAITING
 from valve_twin.io.history.store import History
@@ -310,3 +311,33 @@ def test_a_port_that_is_taken_is_one_line(graph, history, capfd):
         said = capfd.readouterr().err
         assert f"cannot activate: cannot listen at 127.0.0.1:{port}" in said
         assert "Traceback" not in said
+
+
+def test_a_gateway_waits_for_its_disk_and_for_its_history_and_shows_both_faces_then(
+    graph, tmp_path
+):
+    """It stayed inactive for good, and of a history that is not there it said nothing."""
+    path = tmp_path / "history.sqlite"
+    with small_disk(tmp_path / "disk", "1m") as disk:
+        disk.mount("remount,ro")
+        made = graph.start(
+            "gateway",
+            port=0,
+            history_url=f"sqlite:///{path}",
+            mqtt="mqtt://127.0.0.1:1",
+            mqtt_state=str(disk.place / "marks" / "state"),
+        )
+        graph.spin_until(lambda: "cannot activate" in made.log, what="a word of the disk")
+        disk.mount("remount,rw")
+        graph.spin_until(lambda: "no such file: check the path; waiting" in made.log, 60.0, "it")
+        store(path, NS, range(1, 4), 0.0)
+        graph.spin_until(lambda: f"{path}: is read" in made.log, 60.0, "the history")
+        found = re.search(r"http://127\.0\.0\.1:\d+", made.log)
+        assert found
+        with urllib.request.urlopen(f"{found.group()}/api/valves", timeout=60) as answer:
+            assert [v["cycle"] for v in json.load(answer)["valves"]] == [3]
+        graph.spin_until((disk.place / "marks" / "state").exists, what="the marks")
+        assert made.log.count("cannot activate") == 1
+        assert "state: cannot be written: Read-only file system: make the disk" in made.log
+        assert "Traceback" not in made.log
+        made.kill()
