@@ -82,7 +82,8 @@ def test_a_test_is_taken_down_once_in_the_event_log_and_fleet_tells_when_the_nex
     url, name = str(tmp_path / "history.sqlite"), load_config(str(tmp_path / "valve.yaml"))[0].name
     code, _, err = run(1.0, "--url", url)
     assert (code, err.count("\n")) == (1, 1)
-    assert "knows nothing about" in err
+    assert "there is no such file" in err
+    assert not (tmp_path / "history.sqlite").exists()
     began_s = 1_577_836_800  # 2020-01-01
     end_ns = (began_s + 10 * 86_400) * 10**9
     with History(url) as history:

@@ -347,7 +347,7 @@ class TestPermissions:
             assert history.store(VALVE, record(4), both(4))  # what is open stays open
             folder.chmod(0)
             for _ in range(2):
-                with pytest.raises(StoreError, match="Permission denied: check the path and the"):
+                with pytest.raises(StoreError, match="Permission denied: give this user"):
                     history.store(VALVE, record(5), both(5))
             folder.chmod(0o700)
             for path in (file, log):

@@ -58,11 +58,12 @@ def _take_down(url: str, valve: str, start_ns: int, found: StrokeTest) -> None:
     from valve_twin.core.operation.stroke_due import stroke_event
     from valve_twin.io.history.store import History
 
-    with History(url) as history:
+    with History(url, read_only=True) as history:  # a wrong path makes no new one
         if valve not in history.valves():
             known = ", ".join(history.valves()) or "no valve"
             msg = f"{history.where}: knows nothing about {valve}; it holds {known}"
             raise StoreError(msg)
+    with History(url) as history:
         history.log.add_stroke(valve, stroke_event(start_ns, found))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from valve_twin.core.types import Maintenance
-from valve_twin.io.errors import ConfigError, StoreError
+from valve_twin.io.errors import ConfigError, StoreError, may_pass
 from valve_twin.io.history.log.events import Acknowledgement
 from valve_twin.io.history.remarks import wrong_note
 from valve_twin.io.history.store import History
@@ -93,11 +93,13 @@ class HistoryMarker:
             written.
         """
         check_note(work)
+        self._check(work.valve)
         with History(self._url) as history:
-            self._check(history, work.valve)
             try:
                 history.claim(work.valve)
             except StoreError as err:
+                if may_pass(err):
+                    raise
                 msg = f"{err}; its twin runs: mark it there, or on the page of the node gateway"
                 raise StoreError(msg) from err
             last = history.last_record(work.valve)
@@ -116,12 +118,13 @@ class HistoryMarker:
             If the valve or the entry is not there or nothing can be written.
         """
         by = Acknowledgement(seen.who, seen.note, time.time_ns())
+        self._check(seen.valve)
         with History(self._url) as history:
-            self._check(history, seen.valve)
             count = history.log.acknowledge(seen.valve, seen.number, by)
         return f"{seen.valve}: {count} entries are acknowledged now"
 
-    def _check(self, history: History, valve: str) -> None:
-        if valve not in history.valves():
-            msg = f"{history.where}: knows no valve {valve!r}"
-            raise ConfigError(msg)
+    def _check(self, valve: str) -> None:
+        with History(self._url, read_only=True) as history:  # one that is gone is not made anew
+            if valve not in history.valves():
+                msg = f"{history.where}: knows no valve {valve!r}"
+                raise ConfigError(msg)

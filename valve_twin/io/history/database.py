@@ -19,7 +19,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import URL, Connection, Engine, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, NoSuchTableError
 
-from valve_twin.io.errors import StoreError
+from valve_twin.io.errors import StoreError, unusable
 from valve_twin.io.history.check_sums import SEALED_SINCE, seal_all
 from valve_twin.io.history.errors import explain
 from valve_twin.io.history.migrations.schema import create, migrate
@@ -159,11 +159,7 @@ class Database:
             )
             raise StoreError(msg) from err
         except OSError as err:
-            msg = (
-                f"{self.where}: cannot be {done}: {err.strerror or err}: check the path and the"
-                " access rights"
-            )
-            raise StoreError(msg) from err
+            raise StoreError(unusable(f"{self.where}: cannot be {done}", err)) from err
 
     def kept(self) -> Connection:
         """Return the one connection that lives as long as the database is open (SQLite)."""
