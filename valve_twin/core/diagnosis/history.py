@@ -19,6 +19,7 @@ from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.generic.motion import motion_from
 from valve_twin.core.diagnosis.generic.naming import named_by_motion
+from valve_twin.core.diagnosis.generic.programs import with_programs
 from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
 from valve_twin.core.diagnosis.given.judged import judged, without_first
@@ -370,7 +371,8 @@ def _holds(settled: Settled, restarts: Sequence[int]) -> bool:
 
 def products_of(shown: Rows) -> IntArray:
     """Return which product each of some cycles makes, -1 = not known."""
-    return products(np.asarray((shown.end_ns - shown.start_ns) * 1e-9, np.float64))
+    by_duration = products(np.asarray((shown.end_ns - shown.start_ns) * 1e-9, np.float64))
+    return with_programs(by_duration, shown)
 
 
 def _is_slip(finding: Finding, apart: Sequence[int]) -> bool:

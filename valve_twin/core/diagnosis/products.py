@@ -94,7 +94,7 @@ def products(duration_s: FloatArray) -> IntArray:
     ranked = duration_s[order]
     gap = np.diff(ranked)
     apart = gap > _ALIKE * np.maximum(ranked[1:], 1e-9)
-    apart[apart] = gap[apart] > _wider_beside(ranked, apart)
+    apart[apart] = gap[apart] > wider_beside(ranked, apart)
     group = np.empty(len(ranked), dtype=np.int64)
     group[order] = np.concatenate(([0], np.cumsum(apart)))
     sizes = np.bincount(group)
@@ -129,7 +129,7 @@ def _with_near(group: IntArray, duration_s: FloatArray) -> IntArray:
     return found
 
 
-def _wider_beside(ranked: FloatArray, apart: BoolArray) -> FloatArray:
+def wider_beside(ranked: FloatArray, apart: BoolArray) -> FloatArray:
     """Return by how much the cycles on the wider side of each gap differ among themselves.
 
     Durations that scatter leave gaps by chance, which are no wider than the scatter.

@@ -127,21 +127,28 @@ def _from_reference(command: Signal, period_s: float) -> CyclePlan | None:
         rest, opened = low, lowest
     else:
         return None
+    return _above(rest, _LEVEL * span, opened, period_s, "leaves its rest")
+
+
+def _above(
+    rest: float, rise: float, opened: Sequence[int], period_s: float, what: str
+) -> CyclePlan | None:
+    """Return the rule that cuts where a command has risen from its rest; None = too seldom."""
     if len(opened) < _LEAST_CYCLES:
         return None
     values: dict[str, float | str] = {
-        "reference_level": rest + _LEVEL * span,
-        "reference_hysteresis": 0.5 * _LEVEL * span,
+        "reference_level": rest + rise,
+        "reference_hysteresis": 0.5 * rise,
         "min_cycle_s": _least(opened, period_s),
     }
-    reason = f"the command leaves its rest: {_found(opened)}"
+    reason = f"the command {what}: {_found(opened)}"
     return CyclePlan(CycleRule.REFERENCE, reason, values, len(opened))
 
 
-def _leaving(command: Signal, rest: float) -> list[int]:
-    """Return the stamps at which a command rises from a level [ns]."""
-    span = float(np.ptp(command.values))
-    rises = _rises(command.values, rest + _LEVEL * span, rest + 0.5 * _LEVEL * span)
+def _leaving(command: Signal, rest: float, share: float = _LEVEL) -> list[int]:
+    """Return the stamps at which a command rises from a level by a share of its range [ns]."""
+    rise = share * float(np.ptp(command.values))
+    rises = _rises(command.values, rest + rise, rest + 0.5 * rise)
     return [int(stamp) for stamp in command.stamp_ns[rises]]
 
 
@@ -176,17 +183,8 @@ def switched_cycles(command: Signal, period_s: float) -> CyclePlan | None:
     bins = np.bincount(np.rint((command.values - low) / (0.01 * span)).astype(np.int64))
     if float(np.sort(bins)[-_LEVELS:].sum()) < _ON_LEVELS * len(command.values):
         return None
-    level, low_again = low + _SWITCHED * span, low + 0.5 * _SWITCHED * span
-    opened = command.stamp_ns[_rises(command.values, level, low_again)].tolist()
-    if len(opened) < _LEAST_CYCLES:
-        return None
-    values: dict[str, float | str] = {
-        "reference_level": level,
-        "reference_hysteresis": level - low_again,
-        "min_cycle_s": _least(opened, period_s),
-    }
-    reason = f"the command is switched on: {_found(opened)}"
-    return CyclePlan(CycleRule.REFERENCE, reason, values, len(opened))
+    opened = _leaving(command, low, _SWITCHED)
+    return _above(low, _SWITCHED * span, opened, period_s, "is switched on")
 
 
 def strokes_from_rest(command: Signal, answer: Signal) -> CyclePlan | None:

@@ -4,11 +4,14 @@
 
 Each feature is a plain number for one way in which a position can differ from the response that
 is expected: a level, a slope over the level, a time, a width, a share. All lengths are shares of
-the span of the response, so that the same numbers mean the same for every valve.
+one span of the response, so that the same numbers mean the same for every valve: that of one cycle
+for all of them. What an offset, noise or friction is does not change with what a cycle drives, and
+cycles at several levels would scatter by it.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -58,11 +61,14 @@ RELATIVE = frozenset((*ROOTS, "gain_up", "gain_down"))
 
 SHARES = ("repeats", UNFOLLOWED, "saturated")
 
+_LENGTHS = (*ROOTS, "level_zero", "level_bend", "short_up", "short_down", "stick")
+"""Features that are shares of a span."""
+
 DEVIATION = "deviation"
 """Name of the rms of position minus free run over the span, published and not followed [1]."""
 
 SPAN = "span"
-"""Name of the way that the model makes in a cycle, published and not followed [position]."""
+"""Name of what lengths are shares of, published and not followed [position]."""
 
 _LEAST_SAMPLES = 30
 _LEAST_LEVEL = 5
@@ -157,6 +163,8 @@ class Record:
         Commands over their full scale; no columns where that is not known [1].
     missing : float
         Share of samples that are missing [1].
+    span : float
+        What lengths are shares of; NaN = the span of this response [same unit].
     """
 
     position: FloatArray
@@ -164,6 +172,19 @@ class Record:
     period_s: float
     commands: FloatArray
     missing: float = 0.0
+    span: float = math.nan
+
+
+def span_of(record: Record) -> float:
+    """Return the span of a response where the position is known, 0 where too little is.
+
+    Parameters
+    ----------
+    record : Record
+        Measured and expected.
+    """
+    known = np.isfinite(record.position) & np.isfinite(record.response)
+    return float(np.ptp(record.response[known])) if known.sum() >= _LEAST_SAMPLES else 0.0
 
 
 def cycle_features(record: Record) -> dict[str, float]:
@@ -174,7 +195,7 @@ def cycle_features(record: Record) -> dict[str, float]:
     record : Record
         Measured and expected.
     """
-    found = dict.fromkeys((*NAMES, DEVIATION, SPAN), float("nan"))
+    found = dict.fromkeys((*NAMES, DEVIATION), float("nan"))
     y = record.position[np.isfinite(record.position)]
     if len(y) < _LEAST_SAMPLES or record.missing > _MOST_GAPS:
         return found
@@ -183,16 +204,15 @@ def cycle_features(record: Record) -> dict[str, float]:
     if steered.shape[1]:
         found["saturated"] = float(np.mean((np.abs(steered) >= _END).any(axis=1)))
     known = np.isfinite(record.position) & np.isfinite(record.response)
-    response = record.response[known]
-    span = float(np.ptp(response)) if len(response) >= _LEAST_SAMPLES else 0.0
+    response, span = record.response[known], span_of(record)
     if not span > 0.0:
         return found
-    found[SPAN] = span
     off = (record.position[known] - response) / span
     found[DEVIATION] = float(np.sqrt(np.mean(off**2)))
     step = step_of(record.position[known]) / span
-    found |= _compared(response / span, off, step, record.period_s)
-    return found
+    shown = _compared(response / span, off, step, record.period_s)
+    over = 1.0 if np.isnan(record.span) else span / record.span
+    return found | {n: x * over if n in _LENGTHS else x for n, x in shown.items()}
 
 
 def _switched(commands: FloatArray) -> BoolArray:

@@ -9,13 +9,14 @@ the features of one cycle in some tens, so that what is found stays a function o
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR, MOTION, NOISE
-from valve_twin.core.diagnosis.generic.features import step_of
+from valve_twin.core.diagnosis.generic.features import span_of, step_of
 from valve_twin.core.types import Parameter, ParameterValue
 
 if TYPE_CHECKING:
@@ -29,8 +30,6 @@ _MOST = 48
 
 _NEAR = 5e-4
 """Share of the span within which those between need not be kept, assumed [1]."""
-
-_LEAST_SAMPLES = 30
 
 _LEAST_NOISE = 0.2
 """Noise of a sensor that rounds, over its step, at least: rounding hides what is less [1]."""
@@ -114,13 +113,12 @@ def motion_of(record: Record, found: Iterable[ParameterValue]) -> Motion | None:
     """
     noise = next((p.value for p in found if p.name == NOISE and p.usable), np.nan)
     known = np.isfinite(record.position) & np.isfinite(record.response)
-    response = record.response[known]
-    span = float(np.ptp(response)) if len(response) >= _LEAST_SAMPLES else 0.0
+    response, span = record.response[known], span_of(record)
     if not (span > 0.0 and np.isfinite(noise)):
         return None
-    step = step_of(record.position[known]) / span
-    at = _kept(response / span)
-    to = tuple(float(x) for x in response[at] / span)
+    at, unit = _kept(response / span), span if math.isnan(record.span) else record.span
+    step = step_of(record.position[known]) / unit
+    to = tuple(float(x) for x in response[at] / unit)
     return Motion(record.period_s, noise, step, tuple(map(float, at)), to)
 
 

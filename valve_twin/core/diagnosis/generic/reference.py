@@ -9,13 +9,14 @@ function of the cycle and of the estimates before it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR
-from valve_twin.core.diagnosis.generic import explained, stands
+from valve_twin.core.diagnosis.generic import explained, programs, stands
 from valve_twin.core.diagnosis.generic.features import (
     DEVIATION,
     FEATURES,
@@ -24,6 +25,7 @@ from valve_twin.core.diagnosis.generic.features import (
     SPAN,
     Record,
     cycle_features,
+    span_of,
 )
 from valve_twin.core.diagnosis.generic.motion import PARAMETERS, motion_of, numbers_of
 from valve_twin.core.gaps import gap_ns
@@ -50,16 +52,24 @@ REFERENCE_CYCLES = 5
 
 _PREFIX = "reference."
 
-_BESIDE = (DEVIATION, SPAN)
-"""What is published beside the features that are followed."""
-
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """The model that a valve is held against: values by name [unit of each], lag [samples]."""
+    """The model that a valve is held against.
+
+    Attributes
+    ----------
+    values : Mapping
+        Its parameters by name [unit of each].
+    lag : int
+        Its lag [samples].
+    span : float
+        What lengths are shares of; NaN = the span of each cycle [unit of the position].
+    """
 
     values: Mapping[str, float]
     lag: int
+    span: float = math.nan
 
 
 def published(model: ValveModel) -> tuple[Parameter, ...]:
@@ -73,7 +83,7 @@ def published(model: ValveModel) -> tuple[Parameter, ...]:
     if not model.feature_set.of_any_valve:
         return model.parameters
     deviation = Parameter(DEVIATION, "1", "feature: rms off the model, share of the span", 0.0)
-    span = Parameter(SPAN, "1", "feature: way that the model makes, as the position", 0.0)
+    span = Parameter(SPAN, "1", "feature: what lengths are shares of, as the position", 0.0)
     kept = (replace(p, name=f"{_PREFIX}{p.name}", trend=False) for p in model.parameters)
     return (
         *model.parameters,
@@ -81,6 +91,7 @@ def published(model: ValveModel) -> tuple[Parameter, ...]:
         deviation,
         span,
         *kept,
+        *programs.published(model),
         *explained.PARAMETERS,
         *stands.PARAMETERS,
         *PARAMETERS,
@@ -120,7 +131,8 @@ def reference_of(model: ValveModel, earlier: Sequence[Estimate]) -> Reference | 
             at = len(_PREFIX)
             kept = {p.name[at:]: p.value for p in e.parameters if p.name.startswith(_PREFIX)}
             if kept:
-                return Reference(kept, e.lag)
+                spans = (p.value for p in e.parameters if p.name == SPAN)
+                return Reference(kept, e.lag, next(spans, math.nan))
     first = [
         e
         for e in earlier
@@ -159,7 +171,10 @@ def estimate_features(
         if not np.isfinite(known).all():
             reference = None  # it lacks a parameter that no cycle has shown yet
     record = record_of(model, None if reference is None else known, cycle)
+    if reference is not None and not model.feature_set.by_model:
+        record = replace(record, span=reference.span)
     values = [*features_of(model, record), *model.features(cycle, options)]
+    values += programs.values(model, cycle)
     followed = model.feature_set.names
     shown = sum(p.usable for p in values if p.name in followed)
     status, reason = EstimateStatus.PARTIAL, f"{shown} of {len(followed)} features are shown"
@@ -173,9 +188,11 @@ def estimate_features(
         values += [ParameterValue(f"{_PREFIX}{n}", v) for n, v in reference.values.items()]
         if shown and not model.feature_set.by_model:
             values += [*explained.values(record), *stands.values(record)]
+        motion = None
         if shown and not any(map(numbers_of, earlier)):
             motion = motion_of(record, values)
-            values += motion.values() if motion else []
+        values += [ParameterValue(SPAN, x) for x in _span(model, record, earlier)]
+        values += motion.values() if motion else []
     return Estimate(
         model=model.name,
         estimator=ESTIMATOR,
@@ -192,6 +209,18 @@ def estimate_features(
     )
 
 
+def _span(model: ValveModel, record: Record, earlier: Sequence[Estimate]) -> list[float]:
+    """Return what lengths of a cycle are shares of: its own span where none is known.
+
+    Features of an older version are shares of the span of each cycle and stay so.
+    """
+    if not math.isnan(record.span):
+        return [record.span]
+    own, shown = span_of(record), (p for e in earlier for p in e.parameters)
+    is_old = any(p.name == DEVIATION and p.usable for p in shown)
+    return [own] if own > 0.0 and (model.feature_set.by_model or not is_old) else []
+
+
 def features_of(model: ValveModel, record: Record) -> list[ParameterValue]:
     """Return the features that every valve has, as far as a cycle shows them.
 
@@ -204,7 +233,7 @@ def features_of(model: ValveModel, record: Record) -> list[ParameterValue]:
     """
     followed = model.feature_set.names
     found = cycle_features(record)
-    return [_value(n, v) for n, v in found.items() if n in followed or n in _BESIDE]
+    return [_value(n, v) for n, v in found.items() if n in followed or n == DEVIATION]
 
 
 def record_against(

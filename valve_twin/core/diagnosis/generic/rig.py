@@ -264,5 +264,5 @@ class MotionRig:
         """Return the features of a cycle (N,) as they are followed, (F,)."""
         step, none = self.motion.step, np.zeros((len(position), 0))
         y = step * np.round(position / step) if step else position
-        found = cycle_features(Record(y, self.positions, self.motion.period_s, none))
+        found = cycle_features(Record(y, self.positions, self.motion.period_s, none, span=1.0))
         return self.feature_set.vector(ParameterValue(n, v) for n, v in found.items())

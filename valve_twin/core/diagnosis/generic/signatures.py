@@ -21,6 +21,7 @@ from valve_twin.core.diagnosis.features import UNFOLLOWED
 from valve_twin.core.diagnosis.generic.faults import FIRST_SIZES, LARGEST, SET_SIZES
 from valve_twin.core.diagnosis.generic.features import ROOTS
 from valve_twin.core.diagnosis.generic.made_up import made_up
+from valve_twin.core.diagnosis.generic.moves import find_moves
 from valve_twin.core.diagnosis.generic.rig import IdealRig, ModelRig, MotionRig
 from valve_twin.core.diagnosis.table import FACTORS, Signature, SignatureTable, with_floor
 
@@ -40,6 +41,9 @@ _OWN_EFFORT = Effort(seeds=(900, 901), healthy=20, faulty=2, factors=_SIZES)
 _OWN_CHANCE_EFFORT = Effort(seeds=(900, 901), healthy=20, faulty=8, factors=_SIZES)
 _HEALTHY = 8
 """Cycles whose mean is the level of a feature."""
+
+_AT_END = 0.05
+"""Share of its way within which a motion is at its end, assumed [1]."""
 
 _SAMPLED_CYCLES = 64
 """Cycles that tell how features scatter by where moves begin between two samples."""
@@ -131,7 +135,19 @@ def own_table(name: str, motion: Motion) -> SignatureTable:
     followed = replace(followed, first_sizes=FIRST_SIZES, largest=LARGEST)
     rig = MotionRig(motion, motion.positions(), followed)
     table = _derived_on(rig, _OWN_EFFORT, _OWN_CHANCE_EFFORT)
+    if not _is_switched(rig.positions):
+        return table
     return replace(table, covariance=_resolved(rig, np.array(table.covariance)))
+
+
+def _is_switched(positions: FloatArray) -> bool:
+    """Return whether a motion (N,) rests at its ends alone, as that of an on/off valve.
+
+    What switches one has a scan of its own, which is not that of the logger.
+    """
+    at_rest = positions[find_moves(positions)[1]] - positions.min()
+    share = at_rest / np.ptp(positions)
+    return bool(np.all(np.minimum(share, 1.0 - share) < _AT_END))
 
 
 def _resolved(rig: MotionRig, covariance: FloatArray) -> tuple[tuple[float, ...], ...]:
