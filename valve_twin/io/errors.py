@@ -24,10 +24,10 @@ _REMEDIES = {
     errno.EDQUOT: "free some space",
     errno.EFBIG: "free some space, or allow larger files",
     errno.EROFS: "make the disk writable again",
-    errno.EACCES: "give this user the right to write there",
-    errno.EPERM: "give this user the right to write there",
+    errno.EACCES: "give this user the right to it",
+    errno.EPERM: "give this user the right to it",
 }
-"""What to do by what the system says of a disk that takes no more."""
+"""What to do by what the system says of a file that cannot be read or written."""
 
 _SAID_OF_DISKS = ("disk is full", "readonly database", "unable to open", "disk i/o error")
 """What the system and SQLite say of a disk that is full, read-only, broken or not there: a folder

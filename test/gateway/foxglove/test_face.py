@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 import urllib.request
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -28,10 +29,14 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from test.gateway.test_web import HOSTILE, store
+from test.io.history.test_fleet import estimate
 from valve_twin.cli import main
+from valve_twin.core.aging.verdict import Verdict, VerdictKind
 from valve_twin.gateway.foxglove import face as module
 from valve_twin.gateway.foxglove.face import PAST, REST, FoxgloveFace
 from valve_twin.gateway.view import View
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history.fleet import FleetRow
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -324,6 +329,43 @@ def test_a_history_that_is_gone_shows_as_stale(tmp_path):
     viewer.until(lambda: condition().level in (3, b"\x03"), "the trouble")
     assert "history.sqlite" in condition().message
     server.end()
+
+
+def test_estimates_that_cannot_be_read_keep_nothing_else_back(monkeypatch, caplog):
+    """Who asked for them had no diagnostics any more, and nothing of the valves behind."""
+    asked, fails = list[str](), True
+    monkeypatch.setattr(module, "PERIOD_S", 0.2)
+    rows = tuple(FleetRow(v, "press_cartridge", cycle=3) for v in ("/a", "/b"))
+    verdict = Verdict(3, "/b", VerdictKind.OK, "ok", "", 3)
+
+    def view() -> View:
+        if len(asked) == 1:
+            asked.append("an error of ours")
+            raise ValueError(asked[-1])
+        return View(rows, verdicts={"/b": verdict}, failure="gone" if fails else "")
+
+    def estimates(valve: str, first: int, limit: int) -> list[Any]:
+        asked.append(valve)
+        if fails:
+            raise StoreError(valve)
+        return [replace(estimate(3, {"K_in": 0.01}), cycle=3)]
+
+    face = FoxgloveFace(view, estimates, "127.0.0.1", 0)
+    try:
+        viewer = Viewer(face.start())
+        viewer.look_at("/diagnostics", "/a/twin/estimate", "/b/aging_monitor/verdict")
+        viewer.until(lambda: viewer.of("/b/aging_monitor/verdict"), "a verdict")
+        viewer.until(lambda: len(viewer.of("/diagnostics")) > 3, "diagnostics")
+        assert {s.level for s in viewer.of("/diagnostics")[-1].status} <= {3, b"\x03"}
+        assert len(asked) < 30
+        assert not viewer.of("/a/twin/estimate")
+        fails = False
+        viewer.until(lambda: viewer.of("/a/twin/estimate"), "what is owed")
+    finally:
+        face.stop()
+    assert [r.getMessage() for r in caplog.records if r.name == "valve_twin"] == [
+        "Foxglove: an error of ours"
+    ]
 
 
 def test_a_port_that_is_taken_or_none_is_told_in_one_line(history, capsys):

@@ -7,6 +7,7 @@ from __future__ import annotations
 import queue
 import socket
 import threading
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -131,6 +132,29 @@ def test_a_broker_that_is_left_for_an_error_of_ours_hears_of_it(monkeypatch):
     with pytest.raises(StoreError):
         conversation(client, speaker)[0].run(threading.Event())
     assert client.said == ["birth", "death"]
+
+
+def test_an_error_of_ours_before_a_connection_ends_no_thread(monkeypatch, caplog):
+    monkeypatch.setattr(face, "FIRST_PAUSE_S", 0.01)
+    looks = []
+
+    def view():
+        looks.append(1)
+        if len(looks) == 1:
+            raise KeyError(len(looks))
+        return View()
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        broker = Broker(f"mqtt://127.0.0.1:{free.getsockname()[1]}")
+    own = face.MqttFace(view, broker, Speaker())
+    own.start()
+    end_s = time.monotonic() + 60.0
+    while len(looks) < 2:
+        assert time.monotonic() < end_s
+        time.sleep(0.01)  # polls
+    own.stop()
+    assert "an error of ours" in caplog.text
 
 
 def test_a_connection_that_broke_meanwhile_is_no_error_of_ours():

@@ -44,14 +44,14 @@ if TYPE_CHECKING:
 class Past:
     """Stored cycles 1 .. n of valves; counts how often it is asked.
 
-    Those from `later` on were made after all others, as behind a backup.
+    Those from `later` on were made after all others, as behind a backup, or before: `step` [ns].
     """
 
     def __init__(self, **last):
-        self.last, self.asked, self.later = last, 0, math.inf
+        self.last, self.asked, self.later, self.step = last, 0, math.inf, 10**6
 
     def end_ns(self, cycle):
-        return cycle + 10**6 * (cycle >= self.later)
+        return cycle + self.step * (cycle >= self.later)
 
     def read(self, valve, first, limit):
         self.asked += 1
@@ -198,6 +198,26 @@ def test_behind_a_backup_no_cycle_is_lost_however_far_it_is_by_then(
         backlog.confirm("a", cycle)
     past.last["a"] += 1
     assert [e.cycle for v, e, _ in backlog.take(past.view()) if v == "a"] == [mark + 3]
+    backlog.close()
+
+
+@pytest.mark.parametrize("back", [48, 49, 50, 51, 99, 100])
+@pytest.mark.parametrize("one_by_one", [False, True])
+def test_a_clock_that_goes_back_between_two_cycles_makes_no_other_history(
+    tmp_path, past, back, one_by_one
+):
+    """All was sent again, and without an end where the last of a page was the first of them."""
+    past.later, past.step = back, -(10**6)
+    backlog = Backlog(tmp_path / "state", past.read, "a broker")
+    assert list(backlog.take(past.view())) == []
+    told = []
+    for last in range(4, 121) if one_by_one else (120,):
+        past.last["a"] = last
+        for _ in range(5):
+            for valve, estimate, _ in backlog.take(past.view()):
+                told.append(estimate.cycle)
+                backlog.confirm(valve, estimate.cycle)
+    assert told == [*range(4, 121)]
     backlog.close()
 
 

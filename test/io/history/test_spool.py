@@ -97,6 +97,16 @@ def test_a_full_disk_drops_the_oldest_first_and_counts(tmp_path, full):
     assert spool.trouble.startswith(f"{tmp_path / 'cycles'}: ")
 
 
+@pytest.mark.parametrize("makes_parents", [False, True])
+def test_beside_a_history_that_went_with_its_disk_no_folder_takes_its_place(
+    tmp_path, makes_parents
+):
+    folder = tmp_path / "mount" / "a-cycles"
+    spool = spool_of(folder, 5, makes_parents=makes_parents)
+    assert folder.parent.exists() == makes_parents
+    assert (spool.spooled, spool.dropped) == ((3, 0) if makes_parents else (0, 3))
+
+
 def test_without_a_folder_the_budget_holds_all_the_same():
     spool = spool_of(None, 5)
     assert [n for n, c in emptied(spool) if c is not None] == [4, 5]

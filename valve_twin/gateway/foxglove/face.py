@@ -53,6 +53,7 @@ PAST = 500
 """Newest stored cycles that who begins to look is told [1]."""
 
 _OK, _WARN, _ERROR, _STALE = range(4)
+_ESTIMATES = "/twin/estimate"
 _LOGGER = logging.getLogger("valve_twin")
 
 
@@ -143,6 +144,7 @@ class FoxgloveFace:
     def _run(self) -> None:
         due_s, told, pause_s = 0.0, "", PAUSE_S
         asked: set[str] = set()
+        owed: set[str] = set()
         while not self._end.wait(pause_s):
             begun_s = time.thread_time()
             self._listener.look()
@@ -151,14 +153,20 @@ class FoxgloveFace:
             if not asked and now_s < due_s:
                 pause_s = PAUSE_S
                 continue
-            view = self._view()
+            if now_s >= due_s:
+                asked, owed = asked | owed, set()
+            failure = ""
             try:
+                view = self._view()
+                failure = view.failure
                 self._step(view, asked, periodic=now_s >= due_s)
                 told, asked = "", set()
             except ValveTwinError as err:
-                if str(err) != told and not view.failure:  # else the history is told already
+                if str(err) != told and not failure:  # else the history is told already
                     _LOGGER.warning("Foxglove: %s", err)
                 told = str(err)
+                owed |= {topic for topic in asked if topic.endswith(_ESTIMATES)}
+                asked = set()
             except Exception:
                 _LOGGER.exception("Foxglove: an error of ours")
             if now_s >= due_s:
@@ -167,19 +175,25 @@ class FoxgloveFace:
 
     def _step(self, view: View, asked: set[str], *, periodic: bool) -> None:
         """Say what is new, and all of what somebody begins to look at."""
+        failed: ValveTwinError | None = None
         for row in view.rows:
             of = view.made_of(row)
             kept = self._valves.get(row.valve)
             new = kept is None or any(a is not b for a, b in zip(kept, of, strict=True))
             self._say_aging(view, row, asked, new=new)
-            self._say_estimates(row, asked, new=new)
-            self._valves[row.valve] = of
+            try:
+                self._say_estimates(row, asked, new=new)
+                self._valves[row.valve] = of
+            except ValveTwinError as err:  # the history cannot be read: all else is said
+                failed = err
         gone = set(self._valves) - {row.valve for row in view.rows}
         for valve in gone:
             self._forget(valve)
         channel = self._channel("/diagnostics", DIAGNOSTICS)
         if periodic and channel.has_sinks():
             channel.log(diagnostics_bytes(time.time_ns(), _conditions(view)))
+        if failed is not None:
+            raise failed
 
     def _say_aging(self, view: View, row: FleetRow, asked: set[str], *, new: bool) -> None:
         records: list[tuple[str, str, Trend | Verdict]] = [
@@ -195,7 +209,7 @@ class FoxgloveFace:
                 channel.log(aging_bytes(record))
 
     def _say_estimates(self, row: FleetRow, asked: set[str], *, new: bool) -> None:
-        topic = f"{row.valve}/twin/estimate"
+        topic = f"{row.valve}{_ESTIMATES}"
         if not row.model or (not new and topic not in asked):
             return
         channel = self._channel(topic, ESTIMATE)

@@ -163,7 +163,12 @@ class Backlog:
         end_ns = pending[-1].end_ns if pending else self._ends.get(valve, math.inf)
         first = max(1, sent + 1 - BACK)
         found = self._read(valve, first, PAGE + sent + 1 - first)
-        if any(e.cycle <= sent and e.end_ns > end_ns for e in found):
+        of_sent = [e.end_ns for e in found if e.cycle == sent]
+        if of_sent and math.isfinite(end_ns):  # a clock that went back makes no other history
+            is_other = end_ns not in of_sent
+        else:
+            is_other = any(e.cycle < sent and e.end_ns > end_ns for e in found)
+        if is_other:
             self._begin_anew(valve)
             return self._read(valve, 1, PAGE)
         return [e for e in found if e.cycle > sent][:PAGE]

@@ -144,7 +144,6 @@ class MqttFace:
         pause_s = FIRST_PAUSE_S
         while not self._end.is_set():
             begun_s = time.monotonic()
-            self._speaker.look(self._view())
             why = self._connection()
             if self._end.is_set():
                 return
@@ -159,6 +158,7 @@ class MqttFace:
         self._events = events = queue.Queue[_Event]()
         client = Client()
         try:
+            self._speaker.look(self._view())
             self._broker.apply(client)
             will = self._speaker.will()
             client.will_set(will.topic, will.payload, will.qos, will.retain)

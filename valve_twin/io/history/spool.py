@@ -74,6 +74,8 @@ class CycleSpool(JobQueue):
         What waits from the beginning; one without a cycle is taken from the folder if it is there.
     floor : int
         Space on the disk that is left to others [B].
+    makes_parents : bool
+        Whether the folders above are made, too; not where they go with a disk.
 
     Attributes
     ----------
@@ -92,9 +94,11 @@ class CycleSpool(JobQueue):
         jobs: Iterable[QueuedJob] = (),
         *,
         floor: int = FREE_BYTES,
+        makes_parents: bool = False,
     ) -> None:
         super().__init__()
         self._budget, self._folder, self._floor = budget, folder, floor
+        self._makes_parents = makes_parents
         self._entries: deque[_Entry] = deque()
         self.written = self.spooled = self.dropped = 0
         self._stays, self.trouble = False, ""
@@ -198,7 +202,7 @@ class CycleSpool(JobQueue):
             return False
         self.written += 1
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)
+            self._folder.mkdir(parents=self._makes_parents, exist_ok=True)
             free = shutil.disk_usage(self._folder).free
             if free < self._floor + entry.size:
                 self.trouble = f"{self._folder}: {free / 2**20:.0f} MB are free"

@@ -141,7 +141,7 @@ class LiveValve:
         spools: list[CycleSpool] = []
 
         def fill(jobs: Iterable[QueuedJob]) -> JobQueue:
-            spools.append(CycleSpool(budget, folder, jobs))
+            spools.append(CycleSpool(budget, folder, jobs, makes_parents=path is None))
             return spools[0]
 
         self.twin.queue_jobs(fill)

@@ -300,6 +300,28 @@ def test_cycles_are_flushed_all_at_once_and_counted_then_only(bench):
     assert one.queues["/a"].flushed == 0
 
 
+def test_what_was_flushed_and_is_gone_from_the_disk_is_counted_once(bench):
+    """It was counted again with each time that the folder was deleted."""
+    one = bench(50)
+    one.server.is_away = True
+    for _ in range(3):
+        one.add("/a")
+    one.step()
+    for _ in range(3):
+        one.flush()
+        one.step()
+        assert one.queues["/a"].flushed == len(one.files) == 3
+        for file in one.files:
+            file.unlink()
+        for call in tuple(one.timers):
+            call()
+        one.step()
+    one.flush()
+    one.step()
+    one.settle()
+    assert one.queues["/a"].flushed == 0
+
+
 def test_what_the_disk_does_not_flush_is_written_anew(bench, monkeypatch):
     one = bench(50)
     one.server.is_away = True

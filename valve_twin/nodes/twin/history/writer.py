@@ -400,6 +400,7 @@ class HistoryWriter:
         if queued.file is not None:
             if queued.is_shed or queued.file.exists():
                 return True
+            queued.valve.flushed -= queued.is_flushed
             _forget(queued)  # the folder was deleted or replaced
         cycle = UnsavedCycle(queued.record, queued.estimates, queued.counters)
         queued.file = self._flusher.put(queued, queued.valve.name, cycle)
@@ -410,8 +411,8 @@ class HistoryWriter:
         for queued, is_flushed in flushed:
             if queued.file is None:  # stored meanwhile
                 continue
+            queued.valve.flushed += is_flushed - queued.is_flushed
             queued.is_flushed = is_flushed
-            queued.valve.flushed += is_flushed
             if not (is_flushed or queued.is_shed):
                 _forget(queued)
 
