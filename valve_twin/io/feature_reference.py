@@ -102,6 +102,7 @@ def _is_whole(found: FeatureReference) -> bool:
         and all(math.isfinite(v) for row in (*found.within, found.strays) for v in row)
         and all(abs(v) < _LARGEST for v in numbers)
         and 0.0 < found.period_s < _LARGEST
+        and (math.isnan(found.span) or 0.0 < found.span < _LARGEST)
         and all(list(span) == sorted(span) for span in spans)
         and bool(found.products)
         and all(p.levels and all(x.cycles > 0 for x in p.levels) for p in found.products)
@@ -121,6 +122,7 @@ def _plain(reference: FeatureReference) -> dict[str, Any]:
         "model": reference.model,
         "version": reference.version,
         "period_s": reference.period_s,
+        "span": _number(reference.span),
         "valves": list(reference.valves),
         "cycles": reference.cycles,
         "features": [
@@ -194,4 +196,5 @@ def _reference(plain: dict[str, Any], name: str) -> FeatureReference:
         strays=tuple(f["strays"] for f in plain["features"]),
         products=products,
         models=tuple((n, _known(values)) for n, values in plain["models"].items()),
+        span=_known([plain.get("span")])[0],  # None in files of older versions
     )

@@ -2,14 +2,15 @@
 # Copyright 2026 valve_twin maintainers
 """Programs of equal duration that are told apart by their levels, where they come in turn."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis.features import ESTIMATOR
-from valve_twin.core.diagnosis.generic.programs import with_programs
-from valve_twin.core.diagnosis.history import diagnose
+from valve_twin.core.diagnosis.generic.programs import PROGRAM, with_programs
+from valve_twin.core.diagnosis.history import diagnose, products_of
 from valve_twin.core.diagnosis.watch.memory import Known
 from valve_twin.core.estimation.cycle.memory import Memory
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
@@ -84,6 +85,21 @@ def test_products_by_duration_are_kept_and_those_without_levels_as_they_are():
     assert with_programs(product[:8], other).tolist() == product[:8].tolist()
 
 
+@pytest.mark.parametrize("level", [0.3, 55.3])
+def test_a_command_that_stays_where_it_is_tells_no_program_by_its_last_bits(level):
+    rng = np.random.default_rng(0)
+    held = [np.full(rng.integers(120, 123), level) for _ in range(40)]
+    spreads = [x.std() for x in held]
+    assert np.median(spreads) > 0.0
+    assert set(told([x.mean() for x in held], spreads)) == {0}
+
+
+def test_cycles_of_before_levels_were_stored_stay_a_product_of_their_own():
+    new = [cycle_of(31 + k, 0.2 + 0.3 * (k % 2), 0.3) for k in range(20)]
+    shown = past_of([*(cycle_of(k + 1) for k in range(30)), *new]).features
+    assert with_programs(np.zeros(50, np.int64), shown).tolist() == [2] * 30 + [0, 1] * 10
+
+
 ONSET, CYCLES = 100, 130
 PERIOD_S, SAMPLES, FIRST = 0.1, 120, 8
 
@@ -121,6 +137,22 @@ def test_a_leak_is_named_though_levels_change_by_chance():
     findings = diagnose(history, ()).findings  # of each product
     assert {f.fault for f in findings} == {"end_stop_lower"}
     assert all(ONSET <= f.onset <= ONSET + 5 for f in findings)
+
+
+def test_a_fault_that_was_told_before_levels_were_stored_stays_told():
+    """As after an update of valve_twin: only newer cycles hold levels."""
+    updated = 110
+    history = [e if e.cycle > updated else without_levels(e) for e in dosed(leaks=True)]
+    told_then = diagnose([e for e in history if e.cycle <= updated], ()).findings
+    assert told_then
+    shown = past_of(history).features
+    assert len(set(products_of(shown)[-15:].tolist())) > 1
+    assert set(told_then) <= set(diagnose(history, ()).findings)
+
+
+def without_levels(estimate):
+    kept = tuple(p for p in estimate.parameters if not p.name.startswith(PROGRAM))
+    return replace(estimate, parameters=kept)
 
 
 def test_a_sound_valve_that_drives_to_three_levels_by_chance_has_no_fault():

@@ -14,6 +14,7 @@ import pytest
 from valve_twin.cli.main import main
 from valve_twin.core.diagnosis.changes.finding import Diagnosis
 from valve_twin.core.diagnosis.features import ESTIMATOR
+from valve_twin.core.diagnosis.generic.features import LENGTHS, ROOTS, SPAN
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
 from valve_twin.core.diagnosis.given.judged import judged, seen_of
 from valve_twin.core.diagnosis.given.reference import make_reference
@@ -59,13 +60,19 @@ def shown_of(history):
     return rows
 
 
-def lived(seed, models, change=0.0, since=1):
-    """Return features against models, of a number of cycles each, with a change since a cycle."""
+def lived(seed, models, change=0.0, since=1, span=1.0):
+    """Return features against models, of a number of cycles each, with a change since a cycle.
+
+    Their lengths are shares of a span.
+    """
     kind, random = ANY.feature_set, np.random.default_rng(seed)
     deviation = np.sqrt(np.diag(np.array(table().covariance)))
     own = [value for value, cycles in models for _ in range(cycles)]
     rows = deviation * random.standard_normal((len(own), len(deviation)))
     rows[since - 1 :] += change
+    lengths = np.array([n in LENGTHS and n not in ROOTS for n in kind.names])
+    rows = np.where(lengths, rows / span, rows)
+    rows[:, [n in ROOTS for n in kind.names]] -= np.log(span)
     return [
         Estimate(
             model=ANY.name,
@@ -75,6 +82,7 @@ def lived(seed, models, change=0.0, since=1):
             end_ns=c * 30 * 10**9 + 25 * 10**9,
             parameters=(
                 ParameterValue("reference.time_constant", value),
+                ParameterValue(SPAN, span),
                 *(
                     ParameterValue(n, float(np.exp(v) if n in kind.relative else v))
                     for n, v in zip(kind.names, row, strict=True)
@@ -87,9 +95,11 @@ def lived(seed, models, change=0.0, since=1):
     ]
 
 
-def sisters():
-    """Return a reference of three sound valves."""
-    seen = [seen_of(shown_of(lived(k, [(0.4, 20)])), ANY, f"/v{k}") for k in range(3)]
+def sisters(*spans):
+    """Return a reference of three sound valves whose first cycles had some spans."""
+    of = dict(zip(range(3), spans or (1.0, 1.0, 1.0), strict=True))
+    lives = [lived(k, [(0.4, 20)], span=of[k]) for k in of]
+    seen = [seen_of(shown_of(life), ANY, f"/v{k}") for k, life in enumerate(lives)]
     return make_reference(
         seen,
         name="sisters",
@@ -114,6 +124,35 @@ def test_a_fault_that_lasts_by_the_reference_is_told_where_the_own_past_takes_it
     found = told((own,))
     assert found.findings == ((fault, own) if over else (own,))
     assert found.present == (fault if over else own)
+
+
+@pytest.mark.parametrize("span", [0.2, 0.8])
+def test_valves_whose_first_cycles_drove_other_ways_are_alike(span):
+    reference = sisters(0.3, 0.9, 0.6)
+    found = judged(
+        Diagnosis((), 30, ready=True),
+        shown_of(lived(9, [(0.4, 30)], span=span)),
+        0,
+        ANY,
+        table(),
+        reference,
+        "",
+    )
+    assert not found.findings
+    assert "within it" in found.against
+    alike = sisters(0.3, 0.3, 0.3)
+    np.testing.assert_allclose(reference.within, alike.within, rtol=1e-9)
+    np.testing.assert_allclose(reference.over(span).over(0.3).within, alike.within, rtol=1e-9)
+
+
+def test_a_fault_by_the_reference_has_its_size_in_shares_of_the_travel():
+    signature = next(s for s in table().signatures if s.fault == "sensor_offset")
+    change = 4.0 * np.array(signature.change)  # of the travel
+    shown = shown_of(lived(9, [(0.4, 30)], change, 6, span=0.25))
+    found = judged(Diagnosis((), 30, ready=True), shown, 0, ANY, table(), sisters(), "")
+    (fault,) = found.findings
+    assert fault.fault == "sensor_offset"
+    assert fault.severity == pytest.approx(4.0 * signature.severity, rel=0.5)  # of 0.25: 4 times
 
 
 @pytest.mark.parametrize(

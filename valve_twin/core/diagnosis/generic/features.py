@@ -61,7 +61,7 @@ RELATIVE = frozenset((*ROOTS, "gain_up", "gain_down"))
 
 SHARES = ("repeats", UNFOLLOWED, "saturated")
 
-_LENGTHS = (*ROOTS, "level_zero", "level_bend", "short_up", "short_down", "stick")
+LENGTHS = (*ROOTS, "level_zero", "level_bend", "short_up", "short_down", "stick")
 """Features that are shares of a span."""
 
 DEVIATION = "deviation"
@@ -212,7 +212,7 @@ def cycle_features(record: Record) -> dict[str, float]:
     step = step_of(record.position[known]) / span
     shown = _compared(response / span, off, step, record.period_s)
     over = 1.0 if np.isnan(record.span) else span / record.span
-    return found | {n: x * over if n in _LENGTHS else x for n, x in shown.items()}
+    return found | {n: x * over if n in LENGTHS else x for n, x in shown.items()}
 
 
 def _switched(commands: FloatArray) -> BoolArray:

@@ -29,6 +29,9 @@ _APART = 0.05
 """Gap between the levels of two programs at least, over the usual spread of a command in a cycle,
 assumed [1]."""
 
+_ONE = 1e-9
+"""Spread of a command over its mean below which it does not change: error of the mean [1]."""
+
 _FEWEST = 5
 """Fewest cycles of a program, as of a product."""
 
@@ -77,7 +80,7 @@ def with_programs(product: IntArray, rows: Rows) -> IntArray:
     product : (N,) int64 array
         What each cycle makes by its duration, -1 = not known [1].
     rows : Rows
-        Features of the N cycles.
+        Features of the N cycles; those without levels, of an older version, stay together.
 
     Returns
     -------
@@ -88,19 +91,25 @@ def with_programs(product: IntArray, rows: Rows) -> IntArray:
     if not names:
         return product
     level = np.column_stack([rows.usable(n) for n in names])  # mean and spread by turns
-    known = np.isfinite(level).all(axis=1)
-    usual = np.median(level[known, 1::2], axis=0) if known.any() else np.zeros(len(names) // 2)
-    driven = np.repeat(usual > 0.0, 2)
+    known = np.asarray(np.isfinite(level).all(axis=1))
+    none = np.zeros(len(names) // 2)
+    usual: FloatArray = np.median(level[known, 1::2], axis=0) if known.any() else none
+    held: FloatArray = np.median(np.abs(level[known, ::2]), axis=0) if known.any() else none
+    moves: BoolArray = usual > _ONE * held  # else it stays where it is, to the last bits
+    driven = np.repeat(moves, 2)
     level = level[:, driven] / np.repeat(usual, 2)[driven]
     found, last = np.full_like(product, -1), -1
     for number in range(int(product.max(initial=-1)) + 1):
-        own = np.flatnonzero((product == number) & known)
-        made = _in_turn(level[own]) if driven.any() else None
-        if made is None:
-            own, made = np.flatnonzero(product == number), np.zeros(1, np.int64)
-        if len(own):
-            found[own] = np.where(made < 0, -1, last + 1 + made)
+        own = np.flatnonzero(product == number)
+        told = own[known[own]]
+        made = _in_turn(level[told]) if driven.any() else None
+        before = own if made is None else own[~known[own]]
+        if made is not None:
+            found[told] = np.where(made < 0, -1, last + 1 + made)
             last = int(found.max())
+        if len(before) >= (1 if made is None else _FEWEST):  # stored before levels were
+            last += 1
+            found[before] = last
     return found
 
 

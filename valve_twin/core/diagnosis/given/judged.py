@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Diagnosis, Finding
+from valve_twin.core.diagnosis.config import detection_of
+from valve_twin.core.diagnosis.generic.features import SPAN
+from valve_twin.core.diagnosis.generic.naming import in_travel
 from valve_twin.core.diagnosis.given.against import JUDGED, LEAST, Held, hold
 from valve_twin.core.diagnosis.given.reference import FEATURE_VERSION, PREFIX, Seen
 from valve_twin.core.diagnosis.given.scatter import departs_by
@@ -71,7 +74,11 @@ def seen_of(shown: Rows, model: ValveModel, valve: str = "") -> Seen:
         Its name.
     """
     duration = np.asarray((shown.end_ns - shown.start_ns) * 1e-9, np.float64)
-    return Seen(valve, shown.cycle, duration, model.feature_set.vectors(shown.usable))
+    kind, spans = model.feature_set, shown.usable(SPAN)
+    spans = spans[np.isfinite(spans)]
+    one = kind.of_any_valve and not kind.by_model and len(spans) > 0  # else each has its own
+    span = float(np.median(spans)) if one else float("nan")
+    return Seen(valve, shown.cycle, duration, kind.vectors(shown.usable), span)
 
 
 def first_model(shown: Rows, at: int = 0) -> dict[str, float]:
@@ -147,6 +154,7 @@ def judged(
     before = first_model(shown.take(np.flatnonzero(shown.cycle < since)), -1)
     shown = shown.take(np.flatnonzero(shown.cycle >= since))
     seen = seen_of(shown, model, valve)
+    reference = reference.over(seen.span)
     rows, product = _off(seen, reference)
     known = product >= 0
     if not known.any():
@@ -166,8 +174,9 @@ def judged(
     if of_any and held.finding is None and own != before:  # else it was learnt before the mark
         held = _by_model(held, own, reference, cycles, valve)
     if held.finding is not None:
-        new = not _is_known(held.finding, found)
-        findings = (held.finding, *found.findings) if new else found.findings
+        finding = _in_travel(held.finding, shown, model)
+        new = not _is_known(finding, found)
+        findings = (finding, *found.findings) if new else found.findings
         return replace(found, findings=findings, against=held.text)
     first = product[known][:JUDGED].tolist()
     lately = product[-_LATELY:]
@@ -175,6 +184,14 @@ def judged(
     if held.settled and enough and (product[-2:] >= 0).any() and found.doubt.startswith(YET):
         found = replace(found, doubt="")
     return replace(found, against=held.text)
+
+
+def _in_travel(finding: Finding, shown: Rows, model: ValveModel) -> Finding:
+    """Return a fault with its size as those by the own past: a length as a share of the travel."""
+    if not (model.feature_set.of_any_valve and model.normalised):
+        return finding
+    config = detection_of(model.feature_set)
+    return in_travel((finding,), shown.cycle, shown.usable(SPAN), config)[0]
 
 
 def _off(seen: Seen, reference: FeatureReference) -> tuple[FloatArray, IntArray]:

@@ -9,12 +9,14 @@ aging is none. What valves of one kind differ by is told by few of them, so that
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.generic.features import LENGTHS, ROOTS
 from valve_twin.core.diagnosis.products import products
 
 if TYPE_CHECKING:
@@ -118,6 +120,8 @@ class FeatureReference:
         Each with a centre of its own.
     models : tuple of (str, tuple of float)
         Of features of any valve: parameters of the valves' own first models, one a valve.
+    span : float
+        What lengths among the features are shares of; NaN = not known [unit of the position].
     """
 
     name: str
@@ -129,6 +133,7 @@ class FeatureReference:
     strays: tuple[float, ...]
     products: tuple[Product, ...]
     models: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    span: float = math.nan
 
     @property
     def valves(self) -> tuple[str, ...]:
@@ -166,15 +171,68 @@ class FeatureReference:
         square = np.nansum(off**2, axis=0) / np.maximum(known - 1, 1)
         return np.where(known > 1, np.sqrt(square), np.nan)
 
+    def over(self, span: float) -> FeatureReference:
+        """Return it with lengths as shares of another span, as they are where one is not known.
+
+        Parameters
+        ----------
+        span : float
+            That of a valve [unit of the position].
+        """
+        scale, shift = _rescaled(self.features, self.span, span)
+        within = np.array(self.within) * np.outer(scale, scale)
+        products_ = tuple(
+            replace(p, levels=tuple(_level_over(x, scale, shift) for x in p.levels))
+            for p in self.products
+        )
+        return replace(
+            self,
+            within=tuple(tuple(map(float, row)) for row in within),
+            strays=tuple(map(float, scale * np.array(self.strays))),
+            products=products_,
+            span=span,
+        )
+
+
+def _level_over(level: Level, scale: FloatArray, shift: FloatArray) -> Level:
+    values = scale * np.array(level.values) + shift
+    moved = scale * np.array(level.moved)
+    return replace(level, values=tuple(map(float, values)), moved=tuple(map(float, moved)))
+
+
+def _rescaled(features: Sequence[str], span: float, other: float) -> tuple[FloatArray, FloatArray]:
+    """Return what turns shares of a span into those of another, as followed: factor, summand."""
+    ratio = span / other
+    if not math.isfinite(ratio) or ratio <= 0.0:
+        ratio = 1.0
+    lengths = [n in LENGTHS and n not in ROOTS for n in features]
+    roots = [n in ROOTS for n in features]  # these are followed as logarithms
+    return np.where(lengths, ratio, 1.0), np.where(roots, math.log(ratio), 0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """The cycles of one valve that a reference is made of: numbers, durations [s], features."""
+    """The cycles of one valve that a reference is made of.
+
+    Attributes
+    ----------
+    valve : str
+        Its name.
+    cycles : (N,) int64 array
+        Their numbers.
+    duration_s : (N,) array
+        Their durations [s].
+    vectors : (N, F) array
+        Their features [as followed].
+    span : float
+        What lengths among these are shares of; NaN = not known [unit of the position].
+    """
 
     valve: str
     cycles: IntArray
     duration_s: FloatArray
     vectors: FloatArray
+    span: float = math.nan
 
 
 def make_reference(
@@ -204,6 +262,8 @@ def make_reference(
     ValueError
         If no product was made `FEWEST` times by a valve.
     """
+    span = next((s.span for s in seen if math.isfinite(s.span)), math.nan)
+    seen = [_seen_over(s, features, span) for s in seen]
     of = products(np.concatenate([s.duration_s for s in seen]))
     edges = np.cumsum([0, *(len(s.cycles) for s in seen)])
     duration = np.concatenate([s.duration_s for s in seen])
@@ -233,8 +293,14 @@ def make_reference(
     names = sorted({n for m in models for n in m})
     kept = tuple((n, tuple(m.get(n, float("nan")) for m in models)) for n in names)
     return FeatureReference(
-        name, model, FEATURE_VERSION, features, period_s, rows_, strays, tuple(made), kept
+        name, model, FEATURE_VERSION, features, period_s, rows_, strays, tuple(made), kept, span
     )
+
+
+def _seen_over(one: Seen, features: Sequence[str], span: float) -> Seen:
+    """Return the cycles of a valve with lengths as shares of another span."""
+    scale, shift = _rescaled(features, one.span, span)
+    return replace(one, vectors=scale * one.vectors + shift)
 
 
 def _level(one: Seen, rows: IntArray) -> tuple[Level, FloatArray]:
