@@ -143,6 +143,7 @@ def _condensed_note(history: History, valve: str) -> str:
 
 def _condense(arguments: argparse.Namespace) -> int:
     from valve_twin.io.errors import ConfigError
+    from valve_twin.io.history.database import must_be_there
     from valve_twin.io.history.store import History
     from valve_twin.io.history.tiers.condense import condense
     from valve_twin.io.history.tiers.retention import Retention
@@ -151,10 +152,9 @@ def _condense(arguments: argparse.Namespace) -> int:
     if wrong := retention.wrong():
         msg = f"history condense: {wrong}: --keep-cycles, --keep-days"
         raise ConfigError(msg)
-    with History(arguments.url, read_only=True) as history:  # a wrong path makes no new one
-        valves = _chosen(history, arguments.valve)
+    must_be_there(arguments.url)
     with History(arguments.url) as history:
-        for valve in valves:
+        for valve in _chosen(history, arguments.valve):
             with progress_of(f"{valve}: cycles condensed", None) as advance:
                 condense(history, valve, retention, lambda _: advance())
             say(

@@ -56,14 +56,15 @@ def _stroke_test(arguments: argparse.Namespace) -> int:
 def _take_down(url: str, valve: str, start_ns: int, found: StrokeTest) -> None:
     """Enter a test in the event log of a valve that the history knows."""
     from valve_twin.core.operation.stroke_due import stroke_event
+    from valve_twin.io.history.database import must_be_there
     from valve_twin.io.history.store import History
 
-    with History(url, read_only=True) as history:  # a wrong path makes no new one
+    must_be_there(url)
+    with History(url) as history:
         if valve not in history.valves():
             known = ", ".join(history.valves()) or "no valve"
             msg = f"{history.where}: knows nothing about {valve}; it holds {known}"
             raise StoreError(msg)
-    with History(url) as history:
         history.log.add_stroke(valve, stroke_event(start_ns, found))
 
 

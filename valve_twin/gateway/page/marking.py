@@ -10,6 +10,7 @@ from typing import Protocol
 
 from valve_twin.core.types import Maintenance
 from valve_twin.io.errors import ConfigError, StoreError, may_pass
+from valve_twin.io.history.database import must_be_there
 from valve_twin.io.history.log.events import Acknowledgement
 from valve_twin.io.history.remarks import wrong_note
 from valve_twin.io.history.store import History
@@ -93,8 +94,9 @@ class HistoryMarker:
             written.
         """
         check_note(work)
-        self._check(work.valve)
+        must_be_there(self._url)
         with History(self._url) as history:
+            _check(history, work.valve)
             try:
                 history.claim(work.valve)
             except StoreError as err:
@@ -118,13 +120,14 @@ class HistoryMarker:
             If the valve or the entry is not there or nothing can be written.
         """
         by = Acknowledgement(seen.who, seen.note, time.time_ns())
-        self._check(seen.valve)
+        must_be_there(self._url)
         with History(self._url) as history:
+            _check(history, seen.valve)
             count = history.log.acknowledge(seen.valve, seen.number, by)
         return f"{seen.valve}: {count} entries are acknowledged now"
 
-    def _check(self, valve: str) -> None:
-        with History(self._url, read_only=True) as history:  # one that is gone is not made anew
-            if valve not in history.valves():
-                msg = f"{history.where}: knows no valve {valve!r}"
-                raise ConfigError(msg)
+
+def _check(history: History, valve: str) -> None:
+    if valve not in history.valves():
+        msg = f"{history.where}: knows no valve {valve!r}"
+        raise ConfigError(msg)

@@ -266,9 +266,8 @@ class Database:
 
     def _open(self) -> None:
         if self.file is not None:
-            if self.read_only and not self.file.is_file():
-                msg = f"{self.where}: cannot be opened: there is no such file: check the path"
-                raise StoreError(msg)
+            if self.read_only:
+                must_be_there(str(self.file))
             with self.engine.connect() as connection:
                 self._check_content(connection)
                 if not self.read_only:
@@ -373,6 +372,14 @@ class Database:
 def _version(connection: Connection) -> str:
     schema = sa.table(SCHEMA_TABLE, sa.column("version_num"))
     return connection.scalar(sa.select(schema.c.version_num)) or ""
+
+
+def must_be_there(url: str) -> None:
+    """Refuse the URL of a SQLite file that is not there, which to open would make."""
+    parsed = _parse_url(url)
+    if parsed.get_backend_name() == "sqlite" and not Path(parsed.database or "").is_file():
+        msg = f"{place_of(url)}: cannot be opened: there is no such file: check the path"
+        raise StoreError(msg)
 
 
 def place_of(url: str) -> str:
