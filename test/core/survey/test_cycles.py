@@ -100,7 +100,8 @@ def test_a_short_record_that_moves_much_has_windows_enough_for_a_reference_and_a
 
 
 def test_windows_of_a_short_record_keep_samples_and_moves_enough():
-    assert short_windows(wave(180.0, 0.3), 180.0, 0.3) == 3  # 200 samples each
+    assert short_windows(wave(180.0, 0.06), 180.0, 0.06) == 15  # 200 samples each
+    assert short_windows(wave(180.0, 0.3), 180.0, 0.3) == 0  # 3 are none for a verdict
     assert short_windows(wave(180.0, 0.01, turns_s=60.0), 180.0, 0.01) == 0
     assert short_windows(wave(7200.0, 0.1), 7200.0, 0.1) == 40
     still = Signal("command", np.arange(500) * 10**9, np.full(500, 0.3))

@@ -37,6 +37,7 @@ _LEAST_WINDOWS = 3
 _LEAST_IN_WINDOW = 100  # samples
 _MOVES = 6  # turns of the command in a window, moves of each way thrice, assumed
 _IN_SHORT = 200  # samples of a window of a short record at least, assumed
+_FOR_VERDICT = 13  # windows: five make the reference, eight more a verdict
 _ENOUGH = 40  # windows that a short record is divided into at most: a reference and a verdict
 _TURN = 0.1  # share of its range by which a command turns, as a move of a response, assumed
 _COUNTED = "a counter is there"
@@ -236,7 +237,8 @@ def short_windows(command: Signal, whole_s: float, period_s: float) -> int:
     """Return into how many windows a record may be divided that still show enough each.
 
     A reference takes five cycles and a verdict some more: a record that is short but moves much
-    has them. Each window has moves of both ways and samples enough for every feature.
+    has them. 0 = it has too few for a verdict, so that longer windows show more. Each window has
+    moves of both ways and samples enough for every feature.
 
     Parameters
     ----------
@@ -248,7 +250,8 @@ def short_windows(command: Signal, whole_s: float, period_s: float) -> int:
         Sampling time of the position [s].
     """
     samples = int(whole_s / period_s) // _IN_SHORT
-    return min(_turns(command.values) // _MOVES, samples, _ENOUGH)
+    count = min(_turns(command.values) // _MOVES, samples, _ENOUGH)
+    return count if count >= _FOR_VERDICT else 0
 
 
 def _turns(values: FloatArray) -> int:

@@ -71,6 +71,13 @@ def test_levels_as_they_come_are_one_product():
         assert set(told(0.5 + 0.02 * rng.standard_normal(n))) == {0}
 
 
+def test_programs_stay_what_they_were_when_a_ninth_and_a_tenth_come():
+    levels = np.linspace(0.05, 0.95, 10)
+    eight, ten = levels[:8].tolist() * 8, levels.tolist() * 8
+    assert told(eight) == list(range(8)) * 8
+    assert told(eight + ten) == list(range(8)) * 8 + [*range(8), 8, 8] * 8
+
+
 def test_few_cycles_of_another_level_are_of_no_product():
     levels = [0.5, 0.2] * 12
     levels[9] = 0.9

@@ -39,7 +39,8 @@ _ODD = 0.3
 """Share of cycles of no program above which levels tell none, as durations do, assumed [1]."""
 
 _MOST = 8
-"""Most programs that are taken apart, assumed: where there are more, levels are as they come."""
+"""Programs that are taken apart, the first that came, assumed; all others are one more product, so
+that those are what they were when yet another one comes."""
 
 _TURNS = 4
 """Changes from one program to another and back from which on they come in turn, assumed."""
@@ -121,25 +122,29 @@ def _in_turn(level: FloatArray) -> IntArray | None:
     group = np.unique(labels, axis=0, return_inverse=True)[1].reshape(-1)
     sizes = np.bincount(group)
     odd = float(sizes[sizes < _FEWEST].sum())
-    if np.count_nonzero(sizes >= _FEWEST) not in range(2, _MOST + 1) or odd > _ODD * len(level):
+    if np.count_nonzero(sizes >= _FEWEST) < 2 or odd > _ODD * len(level):
         return None
     first = np.unique(group, return_index=True)[1]
     made: list[BoolArray] = []
+    others = np.zeros(len(level), dtype=np.bool_)
     at: list[FloatArray] = []
     for number in np.argsort(first):
         if sizes[number] < _FEWEST:
             continue
         own, here = group == number, level[group == number].mean(axis=0)
         near = int(np.argmin([np.linalg.norm(here - x) for x in at])) if at else -1
-        if near < 0 or _turns(made[near], own) >= _TURNS:
+        is_new = near < 0 or _turns(made[near], own) >= _TURNS
+        if is_new and len(made) < _MOST:
             made.append(own)
             at.append(here)
+        elif is_new:
+            others |= own
         else:
             made[near], at[near] = made[near] | own, here
     if len(made) < 2:
         return None
     found = np.full(len(level), -1, dtype=np.int64)
-    for number, own in enumerate(made):
+    for number, own in enumerate((*made, others)):
         found[own] = number
     return found
 
