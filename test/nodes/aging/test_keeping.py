@@ -175,6 +175,11 @@ def test_a_folder_that_cannot_be_made_at_the_start_keeps_nobody_from_starting(
     assert list(folder.glob("aging*"))
 
 
+def _is_assessed(valve, cycles):
+    """Return whether so many cycles are assessed: what was to be written before them is over."""
+    return valve.cycles == cycles and not valve._busy
+
+
 def test_a_full_disk_over_hundreds_of_estimates_is_told_once_and_tried_every_ten(
     graph, monkeypatch, tmp_path, capfd
 ):
@@ -196,15 +201,14 @@ def test_a_full_disk_over_hundreds_of_estimates_is_told_once_and_tried_every_ten
         graph.spin_until(lambda: valve.assessment and valve.cycles == STORED, what="the history")
         for number in range(STORED + 1, cycles + 1):
             twin.publish_cycle(number)
-            graph.spin_until(lambda of=number: valve.cycles == of, what="a cycle")
-        graph.spin_until(lambda: not valve._busy, what="the last assessment")
+            graph.spin_until(lambda of=number: _is_assessed(valve, of), what="a cycle")
         said = capfd.readouterr().err
         assert said.count("cannot be written: No space left on device: free some space") == 1
         assert 1 < len(tries) <= (cycles - keeping.EVERY) // keeping.AGAIN + 1
         disk.empty()
         for number in range(cycles + 1, cycles + 20):
             twin.publish_cycle(number)
-            graph.spin_until(lambda of=number: valve.cycles == of, what="a cycle")
+            graph.spin_until(lambda of=number: _is_assessed(valve, of), what="a cycle")
         graph.spin_until(lambda: list(disk.place.glob("state/aging*")), what="the file")
         graph.spin_until(lambda: not valve._busy, what="the last work")
         assert "what is known is kept again" in capfd.readouterr().err
