@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.generic.faults import FAULTS, Sensed, slipping, source
+from valve_twin.core.diagnosis.generic.features import span_of, thinned
 from valve_twin.core.diagnosis.generic.moves import find_moves
 from valve_twin.core.types import Parameter, ParameterValue
 
@@ -62,11 +63,6 @@ PARAMETERS = tuple(
 )
 """What these numbers are."""
 
-_MOST = 1500
-"""Most samples that are looked at; of a longer cycle one in some."""
-
-_LEAST = 30
-
 _FLOOR = 1e-3
 """Difference below which nothing needs explaining, assumed: share of the span; a small fault of a
 valve without noise is named by its features [1]."""
@@ -86,13 +82,12 @@ def explained(record: Record) -> dict[str, float]:
         Logarithm of the squared difference over what is left of it [1], both about their mean:
         where the free run drifts, its level says nothing.
     """
-    step = 1 + len(record.position) // _MOST
-    y, m = record.position[::step], record.response[::step]
-    told = np.isfinite(m)
-    known = np.isfinite(y) & told
-    span = float(np.ptp(m[known])) if np.count_nonzero(known) >= _LEAST else 0.0
+    record = thinned(record)
+    y, m, span = record.position, record.response, span_of(record)
     if not span > 0.0:
         return {}
+    told = np.isfinite(m)
+    known = np.isfinite(y) & told
     place = np.arange(len(m), dtype=np.float64)
     motion = np.interp(place, place[told], m[told]) / span
     measured = np.where(known, y / span, motion)
@@ -105,7 +100,7 @@ def explained(record: Record) -> dict[str, float]:
         "oscillation": np.log(left / _behind_wave(measured - motion, known)),
         "sticking": np.log(left / _behind_slips(measured, motion, known)),
     }
-    period_s = record.period_s * step
+    period_s = record.period_s
     sensed = Sensed(motion, np.zeros(len(motion)), period_s, source(0, 0), moves)
     for name in _SHAPES:
         sizes = _sizes(name, period_s)

@@ -12,7 +12,7 @@ cycles at several levels would scatter by it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -69,6 +69,9 @@ DEVIATION = "deviation"
 
 SPAN = "span"
 """Name of what lengths are shares of, published and not followed [position]."""
+
+_MOST = 1500
+"""Most samples of a cycle that are looked at sample by sample."""
 
 _LEAST_SAMPLES = 30
 _LEAST_LEVEL = 5
@@ -185,6 +188,19 @@ def span_of(record: Record) -> float:
     """
     known = np.isfinite(record.position) & np.isfinite(record.response)
     return float(np.ptp(record.response[known])) if known.sum() >= _LEAST_SAMPLES else 0.0
+
+
+def thinned(record: Record) -> Record:
+    """Return a cycle with `_MOST` samples at most, one in some of a longer one."""
+    step = 1 + len(record.position) // _MOST
+    part = slice(None, None, step)
+    return replace(
+        record,
+        position=record.position[part],
+        response=record.response[part],
+        commands=record.commands[part],
+        period_s=record.period_s * step,
+    )
 
 
 def cycle_features(record: Record) -> dict[str, float]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.generic.features import step_of
+from valve_twin.core.diagnosis.generic.features import span_of, step_of, thinned
 from valve_twin.core.types import Parameter, ParameterValue
 
 if TYPE_CHECKING:
@@ -29,11 +29,6 @@ PARAMETERS = (
     Parameter(REGAINED, "1", "way that it made beyond its model, in spans", 0.0),
 )
 """What these numbers are."""
-
-_MOST = 1500
-"""Most samples that are looked at; of a longer cycle one in some."""
-
-_LEAST = 30
 
 _STEP = 0.03
 """Way of the model at its greatest speed within which ways are compared, assumed [span]."""
@@ -62,14 +57,12 @@ def stands(record: Record) -> dict[str, float]:
     dict of str to float
         By name, sums of ways over the cycle [span of the model's response].
     """
-    thin = 1 + len(record.position) // _MOST
-    y, m = record.position[::thin], record.response[::thin]
-    known = np.isfinite(y) & np.isfinite(m)
-    y, m = y[known], m[known]
-    span = float(np.ptp(m)) if len(m) >= _LEAST else 0.0
+    record = thinned(record)
+    y, m, span = record.position, record.response, span_of(record)
     if not span > 0.0:
         return {}
-    y, m = y / span, m / span
+    known = np.isfinite(y) & np.isfinite(m)
+    y, m = y[known] / span, m[known] / span
     between = int(np.clip(np.ceil(_STEP / np.abs(np.diff(m)).max()), _FEWEST, _MOST_BETWEEN))
     if len(m) <= 2 * between:
         return {}
