@@ -17,6 +17,9 @@ from valve_twin.nodes.twin.node import TwinNode
 
 SERVICE = f"{NS}/twin/get_error_budget"
 
+LONGEST_S = budget_service.MOST_S + 60.0
+"""What a caller may have to wait on a machine that is busy: until then there is an answer."""
+
 
 @pytest.fixture
 def twin(graph, tmp_path):
@@ -28,7 +31,7 @@ def twin(graph, tmp_path):
 def test_it_answers_what_the_core_computes_for_the_parameters(graph, twin):
     settings = ["plant.mass=90.0"]
     asked = {"offset": 2e-3, "realisations": 2, "settings": settings}
-    answer = graph.call(GetErrorBudget, SERVICE, timeout=60.0, **asked)
+    answer = graph.call(GetErrorBudget, SERVICE, timeout=LONGEST_S, **asked)
     assert answer.success, answer.message
     model = get_model("press_cartridge")
     given = {"measurement.noise": 1e-4, "plant.mass": 90.0}
@@ -43,7 +46,7 @@ def test_it_answers_what_the_core_computes_for_the_parameters(graph, twin):
 
 
 def test_a_setting_that_is_unknown_is_refused_with_its_name(graph, twin):
-    answer = graph.call(GetErrorBudget, SERVICE, timeout=60.0, settings=["plant.mas=90.0"])
+    answer = graph.call(GetErrorBudget, SERVICE, timeout=LONGEST_S, settings=["plant.mas=90.0"])
     assert not answer.success
     assert "did you mean 'plant.mass'" in answer.message
     assert list(answer.parameters) == []
@@ -88,6 +91,6 @@ def test_a_budget_without_an_end_is_ended_and_told(graph, twin, ask, monkeypatch
     ],
 )
 def test_settings_that_would_do_harm_are_refused_in_a_line(graph, twin, settings, told):
-    answer = graph.call(GetErrorBudget, SERVICE, timeout=60.0, settings=settings)
+    answer = graph.call(GetErrorBudget, SERVICE, timeout=LONGEST_S, settings=settings)
     assert not answer.success
     assert told in answer.message
