@@ -37,8 +37,8 @@ MOST_B = 256_000_000
 """Memory that it gets beyond that of the imports [B]: 64 realisations of 850 samples take 5 MB."""
 
 NICENESS = 5
-"""Below an estimation, above the upkeep of a history; on top of that of `worker`. Beside four
-programs on two cores a budget of two realisations takes 6 s with it, 230 s with 14."""
+"""Below an estimation, as the upkeep of a history; on top of that of `worker`. With 14 a budget
+of two realisations took four minutes beside four programs on two cores."""
 
 
 def compute_budget(

@@ -92,7 +92,7 @@ def test_a_twin_condenses_by_itself_and_stores_meanwhile(graph, database, monkey
     node = graph.host(TwinNode, history_url=url, keep_cycles=1, **REARM)
     keeper = node._keeper
     with History(database, read_only=True) as history:
-        graph.spin_until(lambda: condensed(history, NS), 60.0, "condensed cycles")
+        graph.spin_until(lambda: condensed(history, NS), 240.0, "condensed cycles")
         assert describe_valve(history, NS, AgingConfig()).trends == before.trends
         feeder = Feeder(graph, NS)
         for _ in range(4):
@@ -101,7 +101,7 @@ def test_a_twin_condenses_by_itself_and_stores_meanwhile(graph, database, monkey
         graph.spin_until(
             lambda: any(e.stored and e.cycle > CYCLES for e in estimates), 120.0, "a cycle"
         )
-        graph.spin_until(lambda: keeper._worker is None, 30.0, "the end of the process")
+        graph.spin_until(lambda: keeper._worker is None, 120.0, "the end of the process")
         assert condensed_until(history, NS) == 575
         assert history.last_cycle(NS) > CYCLES
     assert "cycles 1 to 575 are condensed" in capfd.readouterr().err
@@ -126,7 +126,7 @@ def test_a_long_history_is_read_so_that_who_asks_next_reads_little(graph, tmp_pa
     assert kept is not None
     node = graph.host(TwinNode, history_url=f"sqlite:///{database}", **REARM)
     graph.spin_until(kept.exists, 120.0, "what was read")
-    graph.spin_until(lambda: node._keeper._worker is None, 30.0, "the end of the process")
+    graph.spin_until(lambda: node._keeper._worker is None, 120.0, "the end of the process")
     with History(database, read_only=True) as history:
         assert condensed_until(history, NS) == 0  # no rule, so nothing is let go of
         known = load(kept, origin_of(NS, "press_cartridge"), aging)

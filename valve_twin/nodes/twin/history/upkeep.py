@@ -38,8 +38,9 @@ FIRST_S = 60.0
 EVERY_S = 86400.0
 """Whole days are condensed: once a day there is something to do [s]."""
 
-NICENESS = 10
-"""Below an estimation, which has NICENESS of `worker` already."""
+NICENESS = 5
+"""Below an estimation, which has NICENESS of `worker` already; with 10 more, two cores that four
+programs keep busy left it a seventieth of one."""
 
 
 def retention_of(given: TwinParameters) -> Retention | None:
