@@ -156,3 +156,11 @@ def test_a_damaged_file_of_an_earlier_recording_is_kept(tmp_path, length):
     again.close()
     assert path in earlier_files(tmp_path / "bag_002", tmp_path / "bag")
     assert path.exists()
+
+
+def test_a_file_of_an_earlier_recording_that_has_gone_keeps_none_from_recording(tmp_path):
+    begun(tmp_path).close()
+    (tmp_path / "bag" / "bag_1.mcap").symlink_to(tmp_path / "unplugged" / "bag_1.mcap")
+    begun(tmp_path, keep=2, first=1).close()
+    assert messages(tmp_path / "bag_002") == 1
+    assert names(tmp_path) == ["bag_0.mcap", "bag_002_0.mcap", "bag_1.mcap"]

@@ -11,14 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from valve_twin.io.bags.file import BagFile
-from valve_twin.io.bags.gone import (
-    Gone,
-    GoneError,
-    LostFileError,
-    OwnFolder,
-    full,
-    stands,
-)
+from valve_twin.io.bags.gone import Gone, GoneError, LostFileError, OwnFolder, full, stands
 from valve_twin.io.bags.metadata import FILE_NAME, FileEntry, metadata_map, metadata_text
 from valve_twin.io.errors import BagError, unwritable
 from valve_twin.io.mcap.writer import CHUNK_SIZE
@@ -194,7 +187,10 @@ class RollingFiles:
         delete : callable
             Deletes one of them and returns its size [B].
         """
-        self._earlier, self._delete_earlier = [(f, f.stat()) for f in earlier], delete
+        self._earlier, self._delete_earlier = [], delete
+        for file in earlier:
+            with suppress(OSError):  # deleted meanwhile, or a link that leads nowhere
+                self._earlier.append((file, file.stat()))
         self._keep(self._rule.keep - 1)
 
     def note(self, values: Mapping[str, object]) -> None:
