@@ -187,6 +187,7 @@ def _cells(row: FleetRow, view: View) -> dict[str, object]:
         "style": state.name.lower(),
         "state": state.value,
         "verdict": row.verdict.text,
+        "unjudged": row.unjudged,
         "why": row.evidence,
         "action": row.action,
         "worst": f"{row.parameter} {fixed(row.drift, 1, sign=True)} %" if known else NONE,

@@ -18,6 +18,7 @@ from valve_twin.core.aging.verdict import (
     decide,
     describe_limit,
     outlook,
+    unjudged,
 )
 from valve_twin.core.diagnosis.changes.finding import FRESH, Diagnosis, Finding, Stale
 from valve_twin.core.faults.advice import NONE, NOW, advise
@@ -89,8 +90,13 @@ def test_ok_names_each_parameter_of_which_it_says_nothing(history, scatter):
     leak = found.trends[1]
     told = f"{leak.drift_reference_lower_95:+.1f} .. {leak.drift_reference_upper_95:+.1f} of +20 %"
     assert leak.drift_reference_upper_95 > 20.0
-    assert f"; a limit of leak is within the doubt: {told}" in found.verdict.evidence
-    assert "; nothing is said of lag: 5 of 10 estimates since" in found.verdict.evidence
+    begin = (
+        f"a limit of leak is within the doubt: {told}; nothing is said of lag: 5 of 10 estimates"
+    )
+    assert found.verdict.evidence.startswith(begin)
+    assert "; unchanged since cycle 1" in found.verdict.evidence
+    assert unjudged(found.verdict, found.trends) == ("leak", "lag")
+    assert unjudged(alone, found.trends[:1]) == ()
 
 
 @pytest.mark.parametrize(("names", "ok"), [

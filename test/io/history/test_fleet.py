@@ -156,6 +156,24 @@ def test_the_table_shows_one_line_a_valve(url, capsys):
     assert "K_in" in lines[0]
 
 
+def test_an_ok_says_which_parameters_it_does_not_judge(tmp_path, capsys):
+    """A press is ok with a leak of -50 .. +130 %: nobody saw that in the table."""
+    rng = np.random.default_rng(7)
+    url = str(tmp_path / "history.sqlite")
+    with History(url) as history:
+        for cycle in range(1, 31):
+            gains = {name: 0.01 * (1.0 + 0.004 * rng.normal()) for name in ("K_in", "K_out")}
+            leak = {"leak": 1e-3 * (1.0 + 0.4 * rng.normal())}
+            history.store("/press", record(cycle), (estimate(cycle, gains | leak),))
+    (row,) = rows_of(url)
+    assert (row.verdict, row.unjudged) == (VerdictKind.OK, "leak")
+    assert row.evidence.startswith("a limit of leak is within the doubt: ")
+    assert main(["fleet", "--url", url]) == 0
+    assert "not judged: leak" in " ".join(capsys.readouterr().out.split())
+    assert main(["fleet", "--url", url, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["unjudged"] == "leak"
+
+
 def test_json_lines_are_ranked_and_strict(url, capsys):
     assert main(["fleet", "--url", url, "--json", "--sort", "drift"]) == 0
     found = [json.loads(line) for line in capsys.readouterr().out.splitlines()]

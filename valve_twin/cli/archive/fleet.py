@@ -101,6 +101,11 @@ def _plain(place: int, row: FleetRow) -> dict[str, object]:
     return fields
 
 
+def _word(row: FleetRow) -> str:
+    """Return the verdict and, below an "ok", of what nothing is said."""
+    return row.verdict.text + (f"\nnot judged: {row.unjudged}" if row.unjudged else "")
+
+
 def _show(rows: Sequence[FleetRow], where: str) -> None:
     """Print the table that a maintenance engineer reads at a glance."""
     from rich.text import Text
@@ -118,7 +123,7 @@ def _show(rows: Sequence[FleetRow], where: str) -> None:
         colour = _COLOURS.get(row.verdict, "bold red")
         shown.add_row(
             row.valve,
-            Text(row.verdict.text, style=colour),
+            Text(_word(row), style=colour),
             f"{row.ne107}\n{row.limit_state}".rstrip(),
             row.parameter or "-",
             number(row.drift, "+.1f"),

@@ -338,13 +338,18 @@ def decide(
         evidence = f"one direction is not judged, no cycle told {', '.join(mute)}"
     else:
         kind = VerdictKind.OK
-        own_only = "" if _all_commissioned(judged) else _OWN_ONLY.format(since)
-        largest = max(judged, key=_share)
-        evidence = f"{own_only}largest drift: {describe(largest)}"
-        others = (_unsaid(t) for t in trends if t is not largest)
-        evidence += "".join(f"; {text}" for text in others if text)
+        commissioned = all(t.reference_source == "commissioning" for t in judged)
+        own_only = "" if commissioned else _OWN_ONLY.format(since)
+        largest = max([t for t in judged if not _unsaid(t)] or judged, key=_share)
+        excepted = "".join(f"{text}; " for t in trends if (text := _unsaid(t)))
+        evidence = f"{excepted}{own_only}largest drift: {describe(largest)}"
     evidence += f"; {failed}" if failed else ""
     return Verdict(stamp_ns, valve, kind, kind.text, evidence, cycle, named)
+
+
+def unjudged(verdict: Verdict, trends: Sequence[Trend]) -> tuple[str, ...]:
+    """Return the parameters of which "ok" says nothing, or not that they are within a limit."""
+    return tuple(t.parameter for t in trends if verdict.kind is VerdictKind.OK and _unsaid(t))
 
 
 def _unsaid(trend: Trend) -> str:
@@ -367,11 +372,6 @@ def _may_be_beyond(trend: Trend) -> bool:
     if trend.status is TrendStatus.BEYOND_THRESHOLD:
         return True
     return _share(trend) >= 1.0 and min(_covered(trend), default=-np.inf) > -_BACK
-
-
-def _all_commissioned(trends: Sequence[Trend]) -> bool:
-    """Return whether every trend is held against what was recorded at commissioning."""
-    return all(t.reference_source == "commissioning" for t in trends)
 
 
 def _share(trend: Trend) -> float:

@@ -18,7 +18,13 @@ import numpy as np
 from valve_twin.core.aging.assess import Assessment, assess
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.cutting.ahead import look_ahead
-from valve_twin.core.aging.verdict import VerdictKind, concern, outlook, way_to_threshold
+from valve_twin.core.aging.verdict import (
+    VerdictKind,
+    concern,
+    outlook,
+    unjudged,
+    way_to_threshold,
+)
 from valve_twin.core.faults.advice import advise
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.operation.stroke_due import stroke_due
@@ -66,6 +72,8 @@ class FleetRow:
         Why, in one line; or why nothing can be said.
     ne107, failure_mode, action : str
         State by NAMUR NE 107, failure mode by ISO 14224 and what is to be done; empty = none.
+    unjudged : str
+        Parameters of which "ok" says nothing, or not that they are within their limit.
     concern : int
         How grave its worst trend is: 0 (nothing) to 3 (beyond its threshold).
     parameter : str
@@ -114,6 +122,7 @@ class FleetRow:
     ne107: str = Ne107.CHECK_FUNCTION.value
     failure_mode: str = ""
     action: str = ""
+    unjudged: str = ""
     concern: int = 0
     parameter: str = ""
     drift: float = math.nan
@@ -318,6 +327,7 @@ def judged(
     row = replace(
         row,
         verdict=verdict.kind,
+        unjudged=", ".join(unjudged(verdict, trends)),
         evidence=verdict.evidence,
         ne107=advice.ne107.value,
         failure_mode=advice.failure_mode,
