@@ -7,8 +7,10 @@ from __future__ import annotations
 import gc
 import os
 import sys
+from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 
 import valve_twin.one_thread  # noqa: F401 - before numpy
 from valve_twin import compat
@@ -84,7 +86,7 @@ def run(name: str) -> int:
         )
         return _USAGE
     termination.install()
-    os.nice(_NICENESS.get(name, 0))
+    give_way(_NICENESS.get(name, 0))
     if not _accepts(name):
         return 1
     gc.disable()  # until the node has started: imports make hardly any garbage
@@ -111,6 +113,19 @@ def _choose_transport(name: str) -> None:
         profile.use_fast_heartbeat(over_udp=True)
     else:
         profile.keep_off_shared_memory()
+
+
+def give_way(niceness: int) -> None:
+    """Lower the priority of this process, of a service or a container against the others, too.
+
+    Linux shares processors among sessions first where it groups by them (its
+    `sched_autogroup_enabled`): `nice` then counts only against what runs in the same one. A session
+    that others lead is left as it is.
+    """
+    os.nice(niceness)
+    if niceness and os.getsid(0) == os.getpid():
+        with suppress(OSError):  # a kernel without such groups
+            Path("/proc/self/autogroup").write_text(str(niceness), encoding="ascii")
 
 
 def _accepts(name: str) -> bool:

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A node that shows gives way to those that compute, in its session and against other ones."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+GROUP = Path("/proc/self/autogroup")
+SHOWN = f"""
+import os
+from pathlib import Path
+from valve_twin.nodes.runtime.executables import give_way
+
+give_way(7)
+group = Path({str(GROUP)!r})
+print(os.getpriority(os.PRIO_PROCESS, 0), group.read_text() if group.exists() else "")
+"""
+
+
+@pytest.mark.parametrize("leads", [True, False])
+def test_a_service_gives_way_to_those_of_other_sessions(leads):
+    """With `nice` alone two sessions got a processor each by half."""
+    command = [sys.executable, "-c", SHOWN]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=True, start_new_session=leads
+    )
+    priority, *group = done.stdout.split()
+    assert int(priority) == os.getpriority(os.PRIO_PROCESS, 0) + 7
+    if GROUP.exists():
+        own = GROUP.read_text(encoding="ascii").split()[-1]
+        assert group[-1] == ("7" if leads else own)
