@@ -119,8 +119,8 @@ def give_way(niceness: int) -> None:
     """Lower the priority of this process, of a service or a container against the others, too.
 
     Linux shares processors among sessions first where it groups by them (its
-    `sched_autogroup_enabled`): `nice` then counts only against what runs in the same one. A session
-    that others lead is left as it is.
+    `sched_autogroup_enabled`): `nice` then counts only against what runs in the same one. A
+    session that others lead is left as it is.
     """
     os.nice(niceness)
     if niceness and os.getsid(0) == os.getpid():
