@@ -27,6 +27,17 @@ def test_the_closed_form_follows_the_public_table():
         ((0.0, 100.0), (0.0, 1.0), "must be as many, 3 or more"),
         ((1.0, 100.0, 200.0), (0.0, 1.0, 1.1), "begins with 0 and 0"),
         ((0.0, 100.0, 1e6), (0.0, 1.0, 1.1), "less than vacuum"),
+        (
+            (0.0, 100.0, 8e4),
+            (0.0, 1000.0, 2160.0),  # mT
+            r"table_b\[1\] = 1000 T at 100 A/m: 1e\+03 T beyond that of vacuum; must be at most 4",
+        ),
+        (
+            (0.0, 0.3, 80.0),
+            (0.0, 0.8, 2.16),  # kA/m
+            r"table_b\[1\] = 0.8 T at 0.3 A/m: rises by 2.67 H/m, 2.12e\+06 times vacuum; "
+            r"must be at most 1e\+06",
+        ),
     ],
 )
 def test_a_curve_that_is_none_is_refused_with_place_and_value(h, b, words):

@@ -8,6 +8,7 @@ import argparse
 import errno
 import math
 import os
+import re
 import signal
 import sys
 import threading
@@ -37,8 +38,17 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
+_NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+"""Of its own argparse takes -5e-4 for an option."""
+
+
 class Parser(argparse.ArgumentParser):
-    """Say what is wrong in one line."""
+    """Say what is wrong in one line; -5e-4 is a number."""
+
+    def __init__(self, **given: object) -> None:
+        """Make the parser, arguments as of `argparse.ArgumentParser`."""
+        super().__init__(**given)  # type: ignore[arg-type]
+        self._negative_number_matcher = _NEGATIVE
 
     def error(self, message: str) -> NoReturn:
         """End with the usage exit code."""

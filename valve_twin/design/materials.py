@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 _MOST_FIELD = 1e6  # the closed form is followed up to here, mu_0 beyond [A/m]
 _CURVE_POINTS = 4000
+_MOST_STEEL = 4.0  # flux density of a table beyond that of vacuum, as `saturation`, assumed [T]
+_STEEPEST = 1e6  # of a table over vacuum; none better is known, assumed [1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,5 +125,21 @@ def check_table(h: tuple[float, ...], b: tuple[float, ...]) -> None:
         message = (
             f"table_b[{k}] = {b[k]:g} T at {h[k]:g} A/m: rises by {slope[k - 1]:.3g} H/m, less "
             f"than vacuum, {VACUUM:.4g}"
+        )
+        raise ValueError(message)
+    beyond = np.array(b) - VACUUM * np.array(h)
+    if (beyond > _MOST_STEEL).any():
+        k = int(np.argmax(beyond > _MOST_STEEL))
+        message = (
+            f"table_b[{k}] = {b[k]:g} T at {h[k]:g} A/m: {beyond[k]:.3g} T beyond that of vacuum; "
+            f"must be at most {_MOST_STEEL:g}: is it in tesla?"
+        )
+        raise ValueError(message)
+    if (slope > _STEEPEST * VACUUM).any():
+        k = int(np.argmax(slope > _STEEPEST * VACUUM)) + 1
+        message = (
+            f"table_b[{k}] = {b[k]:g} T at {h[k]:g} A/m: rises by {slope[k - 1]:.3g} H/m, "
+            f"{slope[k - 1] / VACUUM:.3g} times vacuum; must be at most {_STEEPEST:g}: is the "
+            "field in A/m?"
         )
         raise ValueError(message)

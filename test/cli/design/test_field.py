@@ -21,6 +21,12 @@ def test_it_prints_flux_and_force_and_draws_the_field(tmp_path, capsys):
     assert svg.read_text(encoding="utf-8").startswith("<svg")
 
 
+def test_a_negative_position_with_an_exponent_is_a_number(capsys):
+    words = ["--current", "2", "-1e-3", "--position", "-5e-4", "--fine", "0.4", "--json"]
+    assert main(["design", "field", *words]) == 0
+    assert json.loads(capsys.readouterr().out)["force"] < 45.0  # 50.8 N in the middle
+
+
 def test_the_table_of_a_section_names_its_coil(root, capsys):
     sample = str(root / "samples" / "design" / "pot_magnet.yaml")
     assert main(["design", "field", sample, "--fine", "0.4"]) == 0
@@ -31,6 +37,7 @@ def test_the_table_of_a_section_names_its_coil(root, capsys):
     ("words", "said"),
     [
         (["--current", "1"], "must be one finite number for each coil, A, B"),
+        (["--current", "2", "-1e9"], "current of B = -1e+09: must be from -428 to 428 [A]"),
         (["--position", "0.002"], "position = 0.002: must be from -0.001 to 0.001 [m]"),
         (["--fine", "20"], "fine = 20: must be from 0.2 to 6"),
         (["--set", "turns=500"], "winding height = 0.0118516: must be 0 to 0.0095"),
@@ -54,3 +61,11 @@ def test_a_region_in_the_stretched_air_is_told_with_its_file(verb, root, tmp_pat
     shown = capsys.readouterr().err.splitlines()[-1]
     assert shown.startswith(f"valve-twin: {path}: lid: r = 0.002 to 0.005")
     assert "lies in the air that the motion stretches" in shown
+
+
+def test_a_section_without_a_coil_takes_no_current(root, tmp_path, capsys):
+    sample = (root / "samples" / "design" / "pot_magnet.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "bare.yaml"
+    path.write_text(sample.replace("coil: A, turns: 120, ", ""), encoding="utf-8")
+    assert main(["design", "field", str(path), "--current", "5"]) == 2
+    assert "one finite number for each coil, of which there is none" in capsys.readouterr().err

@@ -180,6 +180,7 @@ BAD = [
         ["b"],
         r"is no list of numbers; write for example \[1.0\]",
     ),
+    (Descriptor("a", Kind.FLOATS, ()), 5, r"is no list of numbers; write for example \[1.0\]"),
     (
         Descriptor("a", Kind.STRING, "b", choices=("b", "c")),
         "d",

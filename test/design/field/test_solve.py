@@ -161,6 +161,7 @@ def test_the_energy_converges_with_the_order_of_its_elements():
     [
         ((1.0,), 0.0, r"currents = \[1.0\]: must be one finite number for each coil, A, B"),
         ((1.0, np.nan), 0.0, "must be one finite number"),
+        ((1e300, 0.0), 0.0, r"current of A = 1e\+300: must be from -428 to 428 \[A\]"),
         ((1.0, 0.0), 1.2e-3, r"position = 0.0012: must be from -0.001 to 0.001 \[m\]"),
     ],
 )

@@ -40,6 +40,13 @@ def test_a_number_can_be_replaced():
     assert found == replace(DoubleStroke(turns=300), steel=Steel(knee=500.0))
 
 
+@pytest.mark.parametrize("text", ["8e-3", "8.0e-3", "0.8E-2", "+8e-3"])
+def test_a_number_with_an_exponent_is_one(text, tmp_path):
+    path = tmp_path / "d.yaml"
+    path.write_text(f"kind: double_stroke\narmature_radius: {text}\n", encoding="utf-8")
+    assert read_design(path) == DoubleStroke(armature_radius=8e-3)
+
+
 def test_the_sample_with_a_magnet_is_a_section(root):
     found = read_design(root / "samples" / "design" / "pot_magnet.yaml")
     assert isinstance(found, Section)

@@ -67,11 +67,26 @@ def test_area_and_inside_of_a_triangle():
             Region("two", "air", tuple((3e-3 + 1e-3 * r, 1e-3 * z) for r, z in CROSS)),
             "two: the edge from r = 0.003, z = 0 to r = 0.008, z = 0 crosses that from r = 0.005,",
         ),
+        (
+            Region("two", "air", ((3e-3, 0.0), (5e-3, 2e-3), (5e-3, 0.0), (3e-3, 2e-3))),
+            "two: the edge from r = 0.003, z = 0 to r = 0.005, z = 0.002 crosses",  # no area
+        ),
+        (Region("two", "air", ((3e-3, 0.0), (5e-3, 2e-3))), "two: outline of 2 corners has no"),
+        (
+            Region("two", "air", ((3e-3, 0.0), (5e-3, np.nan), (5e-3, 0.0))),
+            "two: corner r = 0.005, z = nan lies outside the box",
+        ),
     ],
 )
 def test_a_region_that_cannot_be_is_refused(region, words):
     with pytest.raises(ValueError, match=words):
         section(ONE, region)
+
+
+@pytest.mark.parametrize("box", [(0.0, -1.0, 1.0), (0.02, 0.02, -0.02), (0.02, np.nan, 0.02)])
+def test_a_box_without_room_is_refused(box):
+    with pytest.raises(ValueError, match="radius must be above 0, high above low"):
+        Section("s", (), {}, None, *box)
 
 
 def test_an_outline_with_a_slit_to_its_hole_is_none_that_crosses_itself():

@@ -129,9 +129,8 @@ class Descriptor:
         return self._number(float(item))
 
     def _wrong(self, value: object) -> str:
-        return (
-            f"value {value!r} is no {self.kind.value}; write for example {example(self.default)}"
-        )
+        shown = [1.0] if self.kind is Kind.FLOATS and not self.default else self.default
+        return f"value {value!r} is no {self.kind.value}; write for example {example(shown)}"
 
     def _choice(self, text: str) -> str:
         if (

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.physics.solenoid_map import VACUUM
+from valve_twin.design.field.excitation import check_currents
 from valve_twin.design.field.newton import minimise
 from valve_twin.design.field.shapes import shapes_at
 
@@ -92,13 +93,15 @@ def solve_field(
     Raises
     ------
     ValueError
-        If currents or position do not fit the section, or no solution is found.
+        If currents or position do not fit the section, no coil bears them, or no solution is
+        found.
     """
     i = np.asarray(currents, dtype=np.float64)
     if i.shape != (len(model.section.coils),) or not np.isfinite(i).all():
-        names = ", ".join(model.section.coils)
+        names = ", ".join(model.section.coils) or "of which there is none"
         message = f"currents = {i.tolist()}: must be one finite number for each coil, {names} [A]"
         raise ValueError(message)
+    check_currents(model.section, i)
     points = model.moved(position)
     a = np.zeros(model.coils.shape[1]) if start is None else start
     try:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.design.field.excitation import check_currents
 from valve_twin.design.field.newton import Eddy, minimise
 from valve_twin.design.field.shapes import shapes_at
 from valve_twin.design.field.solve import force_of, solve_field
@@ -194,3 +195,4 @@ def _check(
             f"({count},), a row a time"
         )
         raise ValueError(message)
+    check_currents(model.section, currents)

@@ -10,6 +10,7 @@ across the gaps at its ends (in z) and around it (in r).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -130,6 +131,12 @@ class Section:
         object.__setattr__(self, "materials", {AIR: Linear(), **self.materials})
         names = dict.fromkeys(r.coil for r in self.regions if r.coil)
         object.__setattr__(self, "coils", tuple(sorted(names)))
+        if not (0.0 < self.radius < math.inf and -math.inf < self.low < self.high < math.inf):
+            message = (
+                f"box: radius = {self.radius:g}, low = {self.low:g}, high = {self.high:g}: radius "
+                "must be above 0, high above low [m]"
+            )
+            raise ValueError(message)
         corners = sum(len(region.outline) for region in self.regions)
         if corners > _MOST_CORNERS:
             message = (
@@ -148,9 +155,13 @@ class Section:
                 f"{region.name}: material '{region.material}' is not known; there are {known}"
             )
             raise ValueError(message)
-        if len(region.outline) < 3 or not area(region.outline) > 0.0:
-            message = f"{region.name}: outline of {len(region.outline)} corners has no area"
-            raise ValueError(message)
+        for r, z in region.outline:
+            if not (0.0 <= r <= self.radius and self.low <= z <= self.high):
+                message = (
+                    f"{region.name}: corner r = {r:g}, z = {z:g} lies outside the box, r from 0 "
+                    f"to {self.radius:g}, z from {self.low:g} to {self.high:g} [m]"
+                )
+                raise ValueError(message)
         crossed = crossing(region.outline)
         if crossed:
             one, other = (
@@ -162,13 +173,9 @@ class Section:
                 "goes around its area once"
             )
             raise ValueError(message)
-        for r, z in region.outline:
-            if not (0.0 <= r <= self.radius and self.low <= z <= self.high):
-                message = (
-                    f"{region.name}: corner r = {r:g}, z = {z:g} lies outside the box, r from 0 "
-                    f"to {self.radius:g}, z from {self.low:g} to {self.high:g} [m]"
-                )
-                raise ValueError(message)
+        if len(region.outline) < 3 or not area(region.outline) > 0.0:
+            message = f"{region.name}: outline of {len(region.outline)} corners has no area"
+            raise ValueError(message)
         if region.coil and region.turns == 0.0:
             message = f"{region.name}: turns = 0 of coil {region.coil}: must not be 0"
             raise ValueError(message)
@@ -235,6 +242,8 @@ def crossing(outline: Outline) -> tuple[Outline, ...]:
     outline : tuple of (r, z)
         Corners [m].
     """
+    if len(outline) < 4:
+        return ()
     start = np.array(outline)
     end = np.roll(start, -1, axis=0)
     least = 1e-12 * float(np.ptp(start, axis=0).max()) ** 2
