@@ -47,6 +47,8 @@ THESIS = HybridActuatorPlant(
 _STATIC = ((500.0, 423.5), (1000.0, 611.0), (1500.0, 730.5))
 """Ampere turns and force at a gap of 0.5 mm [N]."""
 
+_OF_FIELD = "of a field: validate pole"
+
 
 def recompute(advance: Callable[[], None]) -> tuple[Check, ...]:
     """Recompute every published number; `advance` is called once a kernel."""
@@ -193,10 +195,10 @@ def contradictions() -> list[Check]:
         why = f"200 turns give {unit * (turns / 200.0) ** 2:.0f} N: the scale is not stated"
         needed = float(np.sqrt(force / unit))
         checks.append(cannot("Static table", f"force at {turns:g} At [N]", force, np.nan,
-                             f"{why}, {needed:.1f} A would be needed"))  # fmt: skip
+                             f"{why}, {needed:.1f} A would be needed; {_OF_FIELD}"))  # fmt: skip
     checks.append(
         cannot("Static table", "force without current [N]", 128.0, 0.0,
-               "the equations hold no magnet; the twin adds one with this force")
+               f"the equations hold no magnet; the twin adds one with this force; {_OF_FIELD}")
     )  # fmt: skip
     return checks
 

@@ -27,6 +27,7 @@ _MODULES = {
 _BENCHMARKS = {
     "damadics": "valve_twin.validation.damadics.benchmark",
     "landing": "valve_twin.validation.landing",
+    "pole": "valve_twin.validation.pole",
     "solenoid": "valve_twin.validation.solenoid",
 }
 
