@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from valve_twin.cli.common import check_writable
-from valve_twin.io.whole import write_whole
+from valve_twin.io.whole import write_all, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -59,6 +59,33 @@ def test_a_full_disk_leaves_what_was_there_and_nothing_else(tmp_path):
     assert caught.value.filename == str(path)
     assert path.read_text() == "before"
     assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_files_that_belong_together_are_all_new_or_all_as_before(tmp_path, monkeypatch):
+    first, last = tmp_path / "a.txt", tmp_path / "z.txt"
+    write_all({first: "a, before", last: "z, before"})
+    with full_disk(1000), pytest.raises(OSError, match="too large") as caught:
+        write_all({first: "a, after", last: "z" * 5000})
+    assert caught.value.filename == str(last)
+
+    def ends(part: Path, target: Path) -> None:  # while the last one is written
+        del part, target
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("shutil.copymode", ends)
+        with pytest.raises(KeyboardInterrupt):
+            write_all({first: "a, after", last: "z, after"})
+    assert (first.read_text(), last.read_text()) == ("a, before", "z, before")
+    assert sorted(os.listdir(tmp_path)) == ["a.txt", "z.txt"]
+    write_all({first: "a, after", last: b"z, after"})
+    assert (first.read_text(), last.read_text()) == ("a, after", "z, after")
+
+
+def test_names_that_begin_alike_are_kept_apart(tmp_path):
+    both = [tmp_path / f"{'n' * 60}{k}" for k in range(2)]
+    write_all({path: path.name for path in both})
+    assert [path.read_text() for path in both] == [path.name for path in both]
 
 
 def test_a_read_only_folder_is_told_with_the_file_that_was_asked_for(tmp_path, monkeypatch):

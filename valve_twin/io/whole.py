@@ -9,10 +9,12 @@ import os
 import shutil
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
+
+P = TypeVar("P", str, Path, "str | Path")
 
 _DESCRIPTORS = ("/dev/std", "/dev/fd/", "/proc/")
 """What is named so is open in some process, as standard output: nothing can take its place."""
@@ -46,13 +48,47 @@ def write_whole(
     OSError
         If it cannot be written; it names the file that was asked for.
     """
-    data = content.encode("utf-8") if isinstance(content, str) else content
-    target = Path(os.path.realpath(path))
+    write_all({path: content}, sync)
+
+
+def write_all(
+    contents: Mapping[P, str | bytes], sync: Callable[[int], object] | None = None
+) -> None:
+    """Write files that belong together: each gets its place once all of them are complete.
+
+    A disk that fills up, or an end while they are written, leaves all as they were.
+
+    Parameters
+    ----------
+    contents : mapping
+        Content by file, as of `write_whole`.
+    sync : callable, optional
+        As of `write_whole`.
+
+    Raises
+    ------
+    OSError
+        If one cannot be written; it names the file that was asked for.
+    """
+    put, ready, path = sync or os.fsync, [], None
+    parts: list[Path] = []
     try:
-        if not _can_replace(path, target) or not _put(target, data, sync or os.fsync):
-            Path(path).write_bytes(data)
+        for k, (path, content) in enumerate(contents.items()):
+            data = content.encode("utf-8") if isinstance(content, str) else content
+            target = Path(os.path.realpath(path))
+            part = target.with_name(f".{target.name[:_SHOWN]}.{os.getpid()}.{k}.part")
+            parts.append(part)
+            beside = _can_replace(path, target) and _written(part, target, data, put)
+            ready.append((path, target, part if beside else None, data))
+        for path, target, beside_it, data in ready:
+            if beside_it is None or not _put(beside_it, target, put):
+                Path(path).write_bytes(data)
     except OSError as err:
         raise OSError(err.errno, err.strerror or str(err), str(path)) from err
+    finally:
+        for part in parts:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
 
 
 def _can_replace(path: str | Path, target: Path) -> bool:
@@ -75,9 +111,8 @@ def sync_folder(folder: Path, sync: Callable[[int], object] = os.fsync) -> None:
         os.close(number)
 
 
-def _put(target: Path, data: bytes, sync: Callable[[int], object]) -> bool:
-    """Put a file in its place; return whether the system let it."""
-    part = target.with_name(f".{target.name[:_SHOWN]}.{os.getpid()}.part")
+def _written(part: Path, target: Path, data: bytes, sync: Callable[[int], object]) -> bool:
+    """Write what is to take a file's place beside it; return whether the system let it."""
     try:
         with part.open("wb") as file:
             file.write(data)
@@ -85,11 +120,19 @@ def _put(target: Path, data: bytes, sync: Callable[[int], object]) -> bool:
             sync(file.fileno())  # else a power cut may leave the name with nothing behind it
         if target.exists():
             shutil.copymode(target, part)
+    except OSError as err:
+        if err.errno in _KEPT and target.exists():
+            return False
+        raise
+    return True
+
+
+def _put(part: Path, target: Path, sync: Callable[[int], object]) -> bool:
+    """Put a file in its place; return whether the system let it."""
+    try:
         os.replace(part, target)
-    except BaseException as err:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
-        if isinstance(err, OSError) and err.errno in _KEPT and target.exists():
+    except OSError as err:
+        if err.errno in _KEPT and target.exists():
             return False
         raise
     with suppress(OSError):  # some network file systems keep their names in their own way

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import resource
+
 import pytest
 
 from valve_twin.cli import main
@@ -99,3 +101,22 @@ def test_without_an_archive_or_a_final_front_there_is_no_page(searched, tmp_path
         shown = capsys.readouterr().err
         assert said in shown
         assert shown.count("\n") == 1
+
+
+def test_a_folder_that_fills_up_keeps_the_page_and_drawing_that_belong_together(
+    quick, searched, tmp_path, monkeypatch
+):
+    archive, out = searched("search", "usual", "twice"), tmp_path / "out"
+    words = ["design", "report", "--archive", archive, "--out", str(out)]
+    out.mkdir()
+    (out / "chosen.yaml").write_text("of before", encoding="utf-8")
+    page = "valve_twin.report.design.page.render_design"
+    monkeypatch.setattr(page, lambda page: "x" * 10_000_000)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5_000_000, hard))
+    try:
+        assert main(words) == 1
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert [path.name for path in out.iterdir()] == ["chosen.yaml"]
+    assert (out / "chosen.yaml").read_text(encoding="utf-8") == "of before"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from valve_twin.cli.common import OK, add_verb, check_writable, fail, say
 from valve_twin.cli.design.given import add_design, read_given, refusals, section_of
 from valve_twin.cli.output import number, print_json, print_rows, table
-from valve_twin.io.whole import write_whole
+from valve_twin.io.whole import write_all
 
 if TYPE_CHECKING:
     import argparse
@@ -51,12 +51,14 @@ def _geometry(arguments: argparse.Namespace) -> int:
         return fail("--yaml: writes numbers; a design of kind section has regions")
     with refusals():
         section = section_of(design)
+    files: dict[Path, bytes] = {}
     if arguments.svg:
-        write_whole(arguments.svg, draw_section(section))
+        files[Path(arguments.svg)] = draw_section(section).encode()
     if arguments.dxf:
-        write_dxf(section, Path(arguments.dxf), write_whole)
+        write_dxf(section, Path(arguments.dxf), files.__setitem__)
     if arguments.yaml and not isinstance(design, Section):
-        write_design(design, Path(arguments.yaml), write_whole)
+        write_design(design, Path(arguments.yaml), files.__setitem__)
+    write_all(files)
     for path in written:
         say(f"{path}: written")
     return OK

@@ -20,7 +20,7 @@ from valve_twin.cli.design.sensitivity import (
 )
 from valve_twin.cli.output import number
 from valve_twin.io.errors import ConfigError
-from valve_twin.io.whole import write_whole
+from valve_twin.io.whole import write_all
 
 if TYPE_CHECKING:
     import argparse
@@ -81,8 +81,9 @@ def _report(arguments: argparse.Namespace) -> int:
             for name, of in (("Reference", design), ("Chosen design", better))
         )
         tried = [of.figures for of in archive if of.figures]
-    write_design(better, folder / "chosen.yaml", write_whole)
-    write_dxf(better.section(), folder / "chosen.dxf", write_whole)
+    files: dict[Path, bytes] = {}
+    write_design(better, folder / "chosen.yaml", files.__setitem__)
+    write_dxf(better.section(), folder / "chosen.dxf", files.__setitem__)
     page = DesignPage(
         title="A double-stroke solenoid and its valve",
         summary=_summary(reference, chosen, front),
@@ -107,9 +108,10 @@ def _report(arguments: argparse.Namespace) -> int:
         ),
         notes=_notes(archive, arguments.final),
     )  # fmt: skip
-    write_whole(folder / "report.html", render_design(page))
-    for name in ("report.html", "chosen.yaml", "chosen.dxf"):
-        say(f"{folder / name}: written")
+    files[folder / "report.html"] = render_design(page).encode()
+    write_all(files)
+    for path in files:
+        say(f"{path}: written")
     return OK
 
 
