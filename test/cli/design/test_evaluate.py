@@ -9,6 +9,7 @@ import json
 import pytest
 
 from valve_twin.cli import main
+from valve_twin.cli.design import evaluate
 from valve_twin.design import chain
 from valve_twin.design.map import MapGrid
 
@@ -38,6 +39,28 @@ def test_a_power_that_no_step_gets_is_told(capsys, monkeypatch):
     said = capsys.readouterr().err
     assert "valve.bias + valve.span = 3 A: the steps get no more" in said
     assert "16.1 A that valve.power = 15 W allows; raise valve.span" in said
+
+
+@pytest.mark.parametrize(
+    ("form", "said"),
+    [("second_order", "the next order is --dynamics eddies"), ("eddies", "gains of its branches")],
+)
+def test_a_force_that_fits_poorly_says_what_the_form_lacks(form, said, capsys, monkeypatch):
+    fits = {0.1: 74.9, 0.5: 75.0}
+    shown = {"without": 10.0, "refitted": 92.0, "error": 0.5}
+    monkeypatch.setattr(
+        evaluate, "_replayed", lambda design, found, of, share: {"fit": fits[share], **shown}
+    )
+    monkeypatch.setattr(chain, "STEPS", (0.1, 0.5))
+    words = ["design", "evaluate", "--fidelity", "search", "--replay", "--shares", "0.1", "0.5"]
+    assert main([*words, "--dynamics", form]) == 0
+    said_now = capsys.readouterr().err.splitlines()
+    (lacks,) = [line for line in said_now if "below 75 %" in line]
+    assert lacks.startswith("step of 10 %: below 75 %: ")
+    assert said in lacks
+    assert main([*words, "--dynamics", form, "--json"]) == 0
+    small, half = json.loads(capsys.readouterr().out)["replay"]
+    assert (said in small["lacks"], half["lacks"]) == (True, "")
 
 
 @pytest.mark.parametrize(

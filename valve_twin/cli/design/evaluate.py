@@ -76,7 +76,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         raise ConfigError(msg)
     with refusals():
         valve = find_designable(arguments.valve)
-        of = find_fidelity(arguments.fidelity)
+        of, form = find_fidelity(arguments.fidelity), form_of(arguments)
         with progress_of("computing fields", None) as advance:
             found = evaluate(
                 design,
@@ -84,7 +84,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
                 robust=arguments.robust,
                 fidelity=of,
                 advance=advance,
-                form=form_of(arguments),
+                form=form,
             )
         shares = (arguments.shares or [_REPLAYED]) if arguments.replay else []
         again = {share: _replayed(design, found, of, share) for share in shares}
@@ -97,7 +97,8 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         say(short)
     worst = {share: _worst(found, share) for share in found.loops} if arguments.robust else {}
     if arguments.json:
-        replayed = [{"step": share, **figures} for share, figures in again.items()]
+        replayed = [{"step": share, **figures, "lacks": _lacks(figures["fit"], form)}
+                    for share, figures in again.items()]  # fmt: skip
         print_json(_as_json(found, worst) | {"replay": replayed})
         return OK
     _show({share: _figures(of) for share, of in found.loops.items()}, "Steps from the middle")
@@ -114,6 +115,9 @@ def _evaluate(arguments: argparse.Namespace) -> int:
             f"{figures['fit']:.1f} %, off by {figures['error']:.2g} N rms; static curves alone "
             f"{figures['without']:.1f} %; G_F fitted to this step {figures['refitted']:.1f} %"
         )
+        lacks = _lacks(figures["fit"], form)
+        if lacks:
+            say(f"step of {100 * share:g} %: {lacks}")
     return OK
 
 
@@ -125,6 +129,13 @@ def _replayed(
     curves, loop = found.designed.curves, found.loops[share]
     again = replay(design.section(), curves, loop, of.fine, of.skin)
     return {n: float(getattr(again, n)) for n in ("fit", "without", "refitted", "error")}
+
+
+def _lacks(fit: float, form: str) -> str:
+    """Return what a form lacks and what to take in its place; "" where the force fits."""
+    from valve_twin.design.dynamics.replay import LACKS, WANTED
+
+    return "" if fit >= WANTED else f"below {WANTED:g} %: {LACKS[form]}"
 
 
 def _figures(of: Loop) -> dict[str, float]:

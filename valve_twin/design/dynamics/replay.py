@@ -28,6 +28,22 @@ if TYPE_CHECKING:
 FOLLOWED_S = 0.03
 """How much of a step is replayed, assumed [s]."""
 
+WANTED = 75.0
+"""Fit of the model's force that a replayed step should have, ours [%]."""
+
+LACKS = {
+    "second_order": (
+        "G_A and G_F filter current and force, but the force follows the flux, and eddy currents "
+        "make that late; the next order is --dynamics eddies: two branches of them a coil, driven "
+        "by the flux"
+    ),
+    "eddies": (
+        "the gains of its branches stay as fitted to trapezoids of 0.5 and 1 A, but grow with the "
+        "current, as the field reaches deeper into the steel; there is no higher order"
+    ),
+}
+"""What each form of `FORMS` lacks where a step fits worse."""
+
 
 @dataclass(frozen=True, slots=True)
 class Replay:
