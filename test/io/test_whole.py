@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from valve_twin.cli.common import check_writable
-from valve_twin.io.whole import write_all, write_whole
+from valve_twin.io.whole import part_of, placed, write_all, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -183,3 +183,18 @@ def test_the_longest_name_is_written(tmp_path):
     for content in ("before", "after"):
         write_whole(path, content)
     assert path.read_text() == "after"
+
+
+def test_what_fails_on_its_way_to_its_place_leaves_nothing(tmp_path):
+    path = tmp_path / "a.db"
+    path.write_text("before")
+    with pytest.raises(KeyboardInterrupt), placed(path, part_of(path)) as part:
+        part.write_text("half")
+        raise KeyboardInterrupt
+    assert path.read_text() == "before"
+    assert os.listdir(tmp_path) == ["a.db"]
+    with placed(path, part_of(path)) as part:
+        part.write_text("after")
+        assert path.read_text() == "before"
+    assert path.read_text() == "after"
+    assert os.listdir(tmp_path) == ["a.db"]

@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import json
 import math
-import secrets
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.diagnosis.given.judged import unusable
 from valve_twin.core.diagnosis.given.reference import FeatureReference, Level, Product
 from valve_twin.io.errors import ConfigError
-from valve_twin.io.sealed import seal, write_sealed
+from valve_twin.io.sealed import seal
+from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
     from valve_twin.core.valves.interface import ValveModel
@@ -39,10 +39,8 @@ def write_reference(reference: FeatureReference, path: str | Path) -> None:
     OSError
         If the disk does not take it.
     """
-    path = Path(path)
-    part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
-    text = json.dumps(_plain(reference), indent=1, allow_nan=False)
-    write_sealed(path, part, MAGIC, f"{text}\n".encode())
+    content = f"{json.dumps(_plain(reference), indent=1, allow_nan=False)}\n".encode()
+    write_whole(path, seal(MAGIC, content) + content)
 
 
 def read_reference(path: str | Path, model: ValveModel, period_s: float) -> FeatureReference:

@@ -7,11 +7,9 @@ from __future__ import annotations
 import errno
 import hashlib
 import json
-import os
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from valve_twin.io.whole import sync_folder
+from valve_twin.io.whole import placed, sync_file, sync_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -47,6 +45,8 @@ def seal(magic: bytes, content: bytes) -> bytes:
 def write_sealed(path: Path, part: Path, magic: bytes, content: bytes) -> None:
     """Put a sealed file in the place of the one before, at once or not at all.
 
+    The disk is not waited for: what a power cut leaves of it is told by its check sum.
+
     Parameters
     ----------
     path : Path
@@ -63,13 +63,8 @@ def write_sealed(path: Path, part: Path, magic: bytes, content: bytes) -> None:
     OSError
         If the disk does not take it.
     """
-    try:
+    with placed(path, part):
         part.write_bytes(seal(magic, content) + content)
-        os.replace(part, path)
-    except OSError:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)  # on a full disk others need its room
-        raise
 
 
 def flush(paths: Iterable[Path]) -> set[Path]:
@@ -91,7 +86,7 @@ def flush_folder(folder: Path) -> bool:
     Some network file systems cannot be asked for a folder: they keep its names in their own way.
     """
     try:
-        sync_folder(folder, os.fsync)
+        sync_folder(folder)
     except FileNotFoundError:
         return True
     except OSError as err:
@@ -101,8 +96,7 @@ def flush_folder(folder: Path) -> bool:
 
 def _is_flushed(path: Path) -> bool:
     try:
-        with path.open("rb") as stream:
-            os.fsync(stream.fileno())
+        sync_file(path)
     except FileNotFoundError:
         return True
     except OSError:

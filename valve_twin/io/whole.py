@@ -7,12 +7,12 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
 P = TypeVar("P", str, Path, "str | Path")
 
@@ -76,7 +76,7 @@ def write_all(
         for k, (path, content) in enumerate(contents.items()):
             data = content.encode("utf-8") if isinstance(content, str) else content
             target = Path(os.path.realpath(path))
-            part = target.with_name(f".{target.name[:_SHOWN]}.{os.getpid()}.{k}.part")
+            part = part_of(target, k)
             parts.append(part)
             beside = _can_replace(path, target) and _written(part, target, data, put)
             ready.append((path, target, part if beside else None, data))
@@ -98,6 +98,43 @@ def _can_replace(path: str | Path, target: Path) -> bool:
     if not target.exists():
         return True
     return target.is_file() and os.access(target, os.W_OK) and os.access(target.parent, os.W_OK)
+
+
+def part_of(path: Path, number: int = 0) -> Path:
+    """Return where this process writes a file first: beside its place, hidden.
+
+    Files of one folder that are written at the same time differ in their `number`.
+    """
+    return path.with_name(f".{path.name[:_SHOWN]}.{os.getpid()}.{number}.part")
+
+
+@contextmanager
+def placed(path: Path, part: Path) -> Iterator[Path]:
+    """Have others write a file beside its place, and put it there once it is complete.
+
+    Nothing of it is left where that fails: on a full disk others need its room. Whether the disk
+    must keep it before it gets its name, by `sync_file`, is for the caller to say.
+
+    Parameters
+    ----------
+    path : Path
+        The file; one that exists is replaced.
+    part : Path
+        Beside it, such as `part_of` it: where it is to be written.
+    """
+    try:
+        yield part
+        os.replace(part, path)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise
+
+
+def sync_file(path: Path) -> None:
+    """Put what a file holds on disk: else a power cut may leave its name with nothing behind."""
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
 
 
 def sync_folder(folder: Path, sync: Callable[[int], object] = os.fsync) -> None:

@@ -43,7 +43,7 @@ from valve_twin.io.history.tables import (
 )
 from valve_twin.io.history.valves.names import sound_names
 from valve_twin.io.limits import no_formula
-from valve_twin.io.whole import sync_folder
+from valve_twin.io.whole import part_of, placed, sync_file, sync_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -143,17 +143,14 @@ def back_up_sqlite(database: Database, target: Path) -> None:
     StoreError
         If the target exists or cannot be written.
     """
-    part = _part(target)
-    try:
+    with _writing(target), placed(target, _part(target)) as part:
         with database.errors("backed up"), database.engine.connect() as connection:
             source = connection.connection.driver_connection
             assert isinstance(source, sqlite3.Connection)
             with _writing(target), closing(sqlite3.connect(part)) as copy:
                 source.backup(copy)
                 _seal(copy, target)
-        _move(part, target)
-    finally:
-        part.unlink(missing_ok=True)
+        sync_file(part)
 
 
 def copy_to_sqlite(database: Database, target: Path) -> None:
@@ -178,7 +175,8 @@ def copy_to_sqlite(database: Database, target: Path) -> None:
         copy.close()
         with _writing(target), closing(sqlite3.connect(part)) as connection:
             _seal(connection, target)
-        _move(part, target)
+        with _writing(target), placed(target, part):
+            sync_file(part)
     finally:
         for tail in ("", "-wal", "-shm"):
             Path(f"{part}{tail}").unlink(missing_ok=True)
@@ -199,7 +197,7 @@ def export_files(database: Database, folder: Path) -> list[Path]:
         try:
             for name, write in writers.items():
                 write(connection, parts[name])
-                _sync(parts[name])
+                sync_file(parts[name])
             for name in writers:
                 if (folder / name).is_dir():
                     raise IsADirectoryError(errno.EISDIR, f"{name} is a folder")
@@ -244,7 +242,7 @@ def _part(target: Path) -> Path:
     if target.exists():
         msg = f"{target}: exists already and is not overwritten: name another file"
         raise StoreError(msg)
-    return target.with_name(f".{target.name}.{os.getpid()}.part")
+    return part_of(target)
 
 
 def _seal(copy: sqlite3.Connection, target: Path) -> None:
@@ -253,18 +251,6 @@ def _seal(copy: sqlite3.Connection, target: Path) -> None:
     if problem != "ok":
         msg = f"{target}: the copy is damaged ({problem}): check the disk, then try again"
         raise StoreError(msg)
-
-
-def _move(part: Path, target: Path) -> None:
-    with _writing(target):
-        _sync(part)
-        os.replace(part, target)
-
-
-def _sync(path: Path) -> None:
-    """Have the disk keep a file before it gets its name."""
-    with open(path, "rb") as file:
-        os.fsync(file.fileno())
 
 
 def _rows(connection: Connection, table: sa.Table) -> Iterator[Mapping[str, Any]]:

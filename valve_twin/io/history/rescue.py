@@ -34,8 +34,9 @@ from valve_twin.io.history.tables import (
     VERDICT,
 )
 from valve_twin.io.history.valves.names import key_of, sound_names
-from valve_twin.io.history.wal.mend import mend_cut, sync
+from valve_twin.io.history.wal.mend import mend_cut
 from valve_twin.io.history.wal.watch import Trouble
+from valve_twin.io.whole import part_of, sync_file, sync_folder
 
 if TYPE_CHECKING:
     from sqlalchemy.engine import Connection
@@ -103,7 +104,7 @@ def _write_again(database: Database) -> str:
     """Write the deleted file, which is still open, under its name."""
     assert database.file is not None
     path = database.file
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = part_of(path)
     try:
         with closing(sqlite3.connect(part)) as copy:
             database.driver.backup(copy)
@@ -111,9 +112,9 @@ def _write_again(database: Database) -> str:
             copy.execute("PRAGMA synchronous=FULL")
         for tail in ("-wal", "-shm"):  # of the deleted file: they must not meet the new one
             Path(f"{path}{tail}").unlink(missing_ok=True)
-        sync(part)
+        sync_file(part)
         os.link(part, path)
-        sync(path.parent)
+        sync_folder(path.parent)
     except sqlite3.DatabaseError as err:
         if not any(sign in str(err) for sign in _DAMAGED):
             raise

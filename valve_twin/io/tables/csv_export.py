@@ -9,8 +9,6 @@ Arrays take one column an element; where arrays differ in length, what is not th
 from __future__ import annotations
 
 import csv
-import os
-from contextlib import suppress
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -23,6 +21,7 @@ from valve_twin.io.bags.signals import read_columns
 from valve_twin.io.errors import BagError, unwritable
 from valve_twin.io.limits import no_formula
 from valve_twin.io.playback.player import read_messages
+from valve_twin.io.whole import part_of, placed, sync_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -228,18 +227,12 @@ def write_table(table: Table, path: Path) -> None:
         If it cannot be written.
     """
     check_format(path)
-    beside = path.with_name(f".{path.name}.part")
+    write = _write_csv if path.suffix.lower() == ".csv" else _write_parquet
     try:
-        if path.suffix.lower() == ".csv":
-            _write_csv(table, beside)
-        else:
-            _write_parquet(table, beside)
-        with beside.open("rb") as stream:
-            os.fsync(stream.fileno())
-        beside.replace(path)
+        with placed(path, part_of(path)) as part:
+            write(table, part)
+            sync_file(part)
     except OSError as err:
-        with suppress(OSError):  # of a folder that takes nothing
-            beside.unlink(missing_ok=True)
         raise BagError(unwritable(path, err)) from err
 
 

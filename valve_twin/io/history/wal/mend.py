@@ -14,6 +14,7 @@ from valve_twin.io.errors import StoreError
 from valve_twin.io.history.tables import SCHEMA_TABLE
 from valve_twin.io.history.wal.frames import index_of, keep_open
 from valve_twin.io.history.wal.hold import nobody_writes, others_have
+from valve_twin.io.whole import part_of, sync_file, sync_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,7 +71,7 @@ def mend_cut(database: Database, trouble: Trouble) -> str:
 
 
 def _write_anew(database: Database, path: Path, trouble: Trouble) -> str:
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = part_of(path)
     try:
         for write, lost in ((_by_pages, "all that it held"), (_by_bytes, "what was known of it")):
             if _is_sound(write, database, part):
@@ -122,17 +123,8 @@ def _by_bytes(database: Database, part: Path) -> None:
 
 def _put_in_place(part: Path, path: Path) -> None:
     """Move a whole database under its name; no log of another one may meet it."""
-    sync(part)
+    sync_file(part)
     for tail in ("-wal", "-shm"):
         Path(f"{path}{tail}").unlink(missing_ok=True)
     os.replace(part, path)
-    sync(path.parent)
-
-
-def sync(path: Path) -> None:
-    """Have a file or folder on the disk."""
-    file = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(file)
-    finally:
-        os.close(file)
+    sync_folder(path.parent)
