@@ -3,6 +3,7 @@
 """Another product changes the level of a parameter, and is not taken for aging."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,14 @@ from valve_twin.core.aging.products import same_product
 from valve_twin.core.aging.series import order_history, series_of
 from valve_twin.core.aging.verdict import TrendStatus
 from valve_twin.core.diagnosis.changes.finding import CLOCK, Diagnosis, Finding
-from valve_twin.core.types import Condition, Estimate, EstimateStatus, Parameter, ParameterValue
+from valve_twin.core.types import (
+    Condition,
+    Estimate,
+    EstimateStatus,
+    Maintenance,
+    Parameter,
+    ParameterValue,
+)
 
 CYCLES = 50
 SCATTER = 0.003
@@ -154,3 +162,22 @@ def test_no_forecast_where_the_clocks_run_apart(monkeypatch):
     assert trend.unbounded
     assert not trend.service_date_known
     assert "the clocks run apart" in trend.reason
+
+
+@pytest.mark.parametrize("product", [CHANGED, IN_TURN], ids=["changed", "in_turn"])
+def test_maintenance_after_the_newest_cycle_changes_no_product(product):
+    """The level of another product was -13.6 %, and -8.2 % once maintenance was marked."""
+    before = np.arange(CYCLES) < 14
+    estimates = [
+        replace(e, parameters=(replace(p, value=p.value if old else 1.2 * p.value),))
+        for e, old in zip(made(product, drift=-0.1, step=-0.13), before, strict=True)
+        for p in e.parameters
+    ]
+    history = order_history(estimates, Axis.CYCLES)
+    series = series_of(history, GAIN.name)
+    seals = Maintenance(estimates[14].start_ns, 15, "seals")
+    oil = Maintenance(estimates[-1].end_ns + 1, CYCLES + 1, "oil")
+    then, told = same_product(series, history.rows, (seals,), AgingConfig())
+    now, told_now = same_product(series, history.rows, (seals, oil), AgingConfig())
+    assert np.array_equal(now.values, then.values)
+    assert told_now == told

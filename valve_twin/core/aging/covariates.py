@@ -9,7 +9,6 @@ other; where a condition moves with time the two cannot be separated, and nothin
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,7 @@ import numpy as np
 
 from valve_twin.core.aging.config import AgingConfig, parse_bin
 from valve_twin.core.aging.cutting.memory import Memory
-from valve_twin.core.aging.series import Series, cut, events_at, part_of
+from valve_twin.core.aging.series import Series, cut, events_at, lines_of, part_of
 from valve_twin.core.estimation.data.one_thread import dot
 from valve_twin.core.estimation.data.robust import robust_sigma
 
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.past.columns import Rows
-    from valve_twin.core.types import FloatArray, IntArray, Maintenance
+    from valve_twin.core.types import FloatArray, Maintenance
 
 MIN_VALUES = 20
 """Fewest values from which an effect is found, assumed."""
@@ -197,7 +196,7 @@ def _separate(
         pieces = cut(cleared, maintenance, config, memory)
         kept = np.flatnonzero(~pieces.outlier)
         kept = kept[kept >= pieces.starts[0]]  # older ones are outside the window
-        lines = _lines(series.axis, pieces.starts)
+        lines = lines_of(series.axis, pieces)
         weights = _fit(series.values[kept], columns[kept], lines[kept])
     applied, effects = np.zeros_like(weights), []
     first = 0
@@ -223,20 +222,6 @@ def _from_differences(values: FloatArray, columns: FloatArray) -> FloatArray:
         off = np.abs(y - z @ weights)
         keep = off <= _FAR * robust_sigma(off) + 1e-300
     return weights
-
-
-def _lines(axis: FloatArray, starts: IntArray) -> FloatArray:
-    """Return level and slope of every piece as columns (N, 2K)."""
-    found = []
-    for first, last in itertools.pairwise([*starts.tolist(), len(axis)]):
-        if last <= first:
-            continue
-        inside = np.zeros(len(axis))
-        inside[first:last] = 1.0
-        found.append(inside)
-        if last - first > 2:
-            found.append(inside * (axis - axis[first:last].mean()))
-    return np.column_stack(found)
 
 
 def _fit(values: FloatArray, columns: FloatArray, lines: FloatArray) -> FloatArray:

@@ -10,14 +10,13 @@ in every fit as `Series.offsets`, one column a product.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.aging.cutting.memory import Memory
-from valve_twin.core.aging.series import Series, cut, events_at, part_of, systematic_of
+from valve_twin.core.aging.series import Series, cut, events_at, lines_of, part_of, systematic_of
 from valve_twin.core.aging.trend import MAX_FACTOR
 from valve_twin.core.diagnosis.products import products
 from valve_twin.core.estimation.data.robust import MAD_SCALE
@@ -165,25 +164,13 @@ def _factors(
         pieces = cut(cleared, maintenance, config, memory)
         kept = np.flatnonzero(~pieces.outlier)
         kept = kept[kept >= pieces.starts[0]]
-        lines = _lines(x, pieces.starts)[kept]
+        lines = lines_of(x, pieces)[kept]
         if np.linalg.matrix_rank(np.column_stack([lines, offsets[kept]])) < (
             lines.shape[1] + offsets.shape[1]
         ):
             break
         factors = _fit(lines, y[kept], offsets[kept])
     return factors
-
-
-def _lines(axis: FloatArray, starts: IntArray) -> FloatArray:
-    """Return level and slope of every piece as columns (N, C)."""
-    found = []
-    for first, last in itertools.pairwise([*starts.tolist(), len(axis)]):
-        inside = np.zeros(len(axis))
-        inside[first:last] = 1.0
-        found.append(inside)
-        if last - first > 2:
-            found.append(inside * (axis - axis[first:last].mean()))
-    return np.column_stack(found)
 
 
 def _fit(lines: FloatArray, y: FloatArray, offsets: FloatArray) -> FloatArray:

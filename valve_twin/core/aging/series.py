@@ -349,6 +349,23 @@ def cut(
     return Pieces(where, np.isin(where, sorted(events)), outlier, wave, period)
 
 
+def lines_of(axis: FloatArray, pieces: Pieces) -> FloatArray:
+    """Return level and slope of every piece as columns, (N, C); one of few values has no slope.
+
+    What begins with maintenance after the newest value holds none yet and has no column.
+    """
+    found = []
+    for first, last in itertools.pairwise([*pieces.starts.tolist(), len(axis)]):
+        if last <= first:
+            continue
+        inside = np.zeros(len(axis))
+        inside[first:last] = 1.0
+        found.append(inside)
+        if last - first > 2:
+            found.append(inside * (axis - axis[first:last].mean()))
+    return np.column_stack(found)
+
+
 def good_parts(series: Series, pieces: Pieces) -> tuple[Part, ...]:
     """Return the good values of every piece of a series.
 
