@@ -14,6 +14,7 @@ import pytest
 
 from valve_twin.cli import main
 from valve_twin.core.valves import registry
+from valve_twin.demo.cases import find_case
 
 
 def blocks(root, language):
@@ -52,6 +53,12 @@ def test_the_valve_of_the_page_keeps_the_protocol_and_runs(root, valve, tmp_path
     assert "FAIL" not in out
     assert '"time_constant"' in out
     assert "time_constant" in (tmp_path / "my_valve.html").read_text(encoding="utf-8")
+
+
+def test_the_valve_of_the_page_is_shown_by_the_demo(valve, tmp_path):
+    case = find_case(file=tmp_path / "my_valve.yaml")
+    assert (case.model, case.followed) == (valve.name, "time_constant")
+    assert find_case("my_valve", file=tmp_path / "my_valve.yaml") == case
 
 
 def test_the_page_ends_in_one_file_of_about_45_lines(root):

@@ -114,7 +114,7 @@ def find_case(
         If the file cannot be read.
     """
     model = model or (load_config(file)[0].model if file else DEFAULT_MODEL)
-    names = case_names()
+    names = model_names() if file else case_names()
     if model not in names:
         message = f"VALVE = {model}: no such valve to show; {suggest(model, names)}"
         raise ValueError(message)
