@@ -106,8 +106,8 @@ def _show(valve: str, budget: Budget) -> None:
     shown.add_column("source")
     shown.add_column("size", justify="right", no_wrap=True)
     for column in budget.columns:
-        short = column.estimator.removeprefix("equation_error_").replace("_", " ")
-        shown.add_column(f"{column.parameter}\n{short}", justify="right", no_wrap=True)
+        name = column.estimator.replace("_", "\n")  # a word a line: a narrow column
+        shown.add_column(f"{column.parameter}\n{name}", justify="right", no_wrap=True)
     most = [budget.largest(k).letter for k in range(len(budget.columns))]
     for row in budget.rows:
         cells = [

@@ -70,12 +70,9 @@ def _configure(arguments: argparse.Namespace) -> int:
         return _configure_files(arguments)
     if len(arguments.files) > 1:
         return fail(f"{arguments.files[1]}: a bag is configured alone; give one")
-    from valve_twin.io.offline.propose import DOUBT, propose_yaml
+    from valve_twin.io.offline.propose import propose_yaml
 
-    text = propose_yaml(arguments.files[0], position=arguments.position)
-    for line in text.splitlines():
-        if DOUBT in line:
-            say(line.strip(" #"))
+    text = propose_yaml(arguments.files[0], position=arguments.position, on_doubt=say)
     _write(arguments, text)
     return OK
 

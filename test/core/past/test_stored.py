@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from test.core.past.test_state import features, trends
+from valve_twin.core.diagnosis.reference import NotYet
+from valve_twin.core.past.columns import Settled
 from valve_twin.core.past.state import AgingState
 from valve_twin.core.past.stored import freeze, thaw
 from valve_twin.core.types import EstimateStatus, Guard
@@ -70,3 +72,14 @@ def test_another_layout_is_refused():
     head, arrays = freeze(AgingState())
     with pytest.raises(ValueError, match="it is of layout 0"):
         thaw({**head, "layout": 0}, arrays)
+
+
+@pytest.mark.parametrize("doubt", ["too noisy", NotYet("no reference yet")])
+def test_a_doubt_stays_one_that_more_cycles_take_back_or_not(doubt):
+    arrays: list[np.ndarray] = []
+    head = AgingState().freeze(arrays)
+    one = AgingState.thaw({**head, "settled": Settled((), 3, 2, doubt)}, arrays)
+    after = again(one).past().settled
+    assert after is not None
+    assert after.doubt == doubt
+    assert type(after.doubt) is type(doubt)

@@ -122,7 +122,7 @@ def _reference(arguments: argparse.Namespace) -> int:
         raise ConfigError(msg) from None
     write_reference(made, arguments.out)
     few = "" if len(taken) > 2 else "; few valves tell little of how valves differ"
-    say(f"{arguments.out}: {made.text.removeprefix('the stored reference ')} written{few}")
+    say(f"{arguments.out}: {made.name} ({made.made_of}) written{few}")
     return OK
 
 

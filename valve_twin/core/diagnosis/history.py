@@ -25,7 +25,7 @@ from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_o
 from valve_twin.core.diagnosis.given.judged import judged, without_first
 from valve_twin.core.diagnosis.products import MADE, clocks_of, last_left, products, without_timed
 from valve_twin.core.diagnosis.reference import (
-    YET,
+    NotYet,
     doubt_of,
     doubt_of_noise,
     doubt_of_step,
@@ -344,7 +344,7 @@ def _with_steps(
     Of the `products` each is told where it was left for others: a step in its last cycles may
     have come to stay, and the others know only what came after it.
     """
-    if doubt and not doubt.startswith(YET):  # which a stored reference may take back
+    if doubt and not isinstance(doubt, NotYet):  # which a stored reference may take back
         return doubt
     since = max(restarts, default=0)
     for cycles, vectors, left in products:

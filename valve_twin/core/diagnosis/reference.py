@@ -32,8 +32,12 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
-YET = "no reference yet"
-"""With what the reason begins where more cycles are needed."""
+
+class NotYet(str):
+    """Why the cycles are no reference where more of them are all that is needed."""
+
+    __slots__ = ()
+
 
 _STEP = 8
 """Cycles after which the first ones are compared again: each look may err by chance."""
@@ -149,7 +153,8 @@ def doubt_of(
     Returns
     -------
     str
-        One line. Once the first cycles were found to differ, they do in every longer history.
+        One line; `NotYet` where more cycles are needed. Once the first cycles were found to
+        differ, they do in every longer history.
     """
     config = config or DetectionConfig()
     told = telling(vectors)
@@ -158,8 +163,8 @@ def doubt_of(
     if len(cycles) < config.settled:
         if others is not None and _is_steady(vectors, others, table, config):
             return ""
-        return (
-            f"{YET}: {len(cycles)} of {config.settled} cycles of this product, "
+        return NotYet(
+            f"no reference yet: {len(cycles)} of {config.settled} cycles of this product, "
             "from which on a fault would show"
         )
     most = config.learn + config.recent

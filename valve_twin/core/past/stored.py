@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.diagnosis.changes.finding import Finding
+from valve_twin.core.diagnosis.reference import NotYet
 from valve_twin.core.past.columns import Settled
 from valve_twin.core.past.state import AgingState
 
@@ -34,7 +35,8 @@ def freeze(state: AgingState) -> tuple[dict[str, Any], list[NDArray[Any]]]:
     head = state.freeze(arrays)
     settled = head["settled"]
     plain = None if settled is None else asdict(settled)
-    return {**head, "layout": LAYOUT, "settled": plain}, arrays
+    yet = settled is not None and isinstance(settled.doubt, NotYet)
+    return {**head, "layout": LAYOUT, "settled": plain, "not_yet": yet}, arrays
 
 
 def thaw(head: Mapping[str, Any], arrays: Sequence[NDArray[Any]]) -> AgingState:
@@ -58,7 +60,9 @@ def thaw(head: Mapping[str, Any], arrays: Sequence[NDArray[Any]]) -> AgingState:
     settled = head["settled"]
     if settled is not None:
         found = {name: tuple(map(_finding, settled[name])) for name in _FINDINGS}
-        settled = Settled(**{**settled, **found})
+        doubt = settled["doubt"]
+        kept = NotYet(doubt) if head.get("not_yet") else doubt
+        settled = Settled(**{**settled, **found, "doubt": kept})
     return AgingState.thaw({**head, "settled": settled}, list(arrays))
 
 

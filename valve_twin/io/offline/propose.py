@@ -21,7 +21,7 @@ from valve_twin.io.cdr.signals import SignalSource
 from valve_twin.io.errors import BagError, ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from valve_twin.core.types import FloatArray, IntArray
@@ -57,7 +57,9 @@ _NUMBERS = frozenset(
 )
 
 
-def propose_yaml(bag: str | Path, *, position: str = "") -> str:
+def propose_yaml(
+    bag: str | Path, *, position: str = "", on_doubt: Callable[[str], object] = lambda _: None
+) -> str:
     """Return a YAML proposal for a bag.
 
     Parameters
@@ -66,6 +68,8 @@ def propose_yaml(bag: str | Path, *, position: str = "") -> str:
         Folder, metadata.yaml or .mcap file.
     position : str
         TOPIC:FIELD of the position where it is known.
+    on_doubt : callable
+        Called with each line of the proposal that a user should read first.
 
     Returns
     -------
@@ -87,18 +91,19 @@ def propose_yaml(bag: str | Path, *, position: str = "") -> str:
     proposal = propose(signals, position=position)
     if proposal is None:
         raise BagError(_nothing(bag, sources, position, _still(signals)))
-    told = _compared(bag, signals, proposal)
-    return _text(bag, proposal, sources, received, _still(signals), told)
+    told, doubts = _compared(bag, signals, proposal)
+    doubts = [f"doubt: {line}" for line in doubts]
+    for line in doubts:
+        on_doubt(line)
+    return _text(bag, proposal, sources, received, _still(signals), [*told, *doubts])
 
 
-DOUBT = "doubt: "
-"""What a line of the proposal begins with that a user should read first."""
-
-
-def _compared(bag: str | Path, signals: Mapping[str, Signal], proposal: Proposal) -> list[str]:
-    """Say how well other models follow later cycles where two commands drive a position."""
+def _compared(
+    bag: str | Path, signals: Mapping[str, Signal], proposal: Proposal
+) -> tuple[list[str], list[str]]:
+    """Say how well models follow later cycles where two commands drive a position; and doubts."""
     if get_model(proposal.model).proposed_for != "driven":
-        return []
+        return [], []
     whole = difference_of(signals, proposal, mapped=False)
     columns = {**signals, "difference": replace(whole, name="difference")}
     found = compare_sides(
@@ -110,7 +115,7 @@ def _compared(bag: str | Path, signals: Mapping[str, Signal], proposal: Proposal
         kind="position",
     )
     if found is None:
-        return [f"{DOUBT}too few cycles to hold any model against; give a longer bag"]
+        return [], ["too few cycles to hold any model against; give a longer bag"]
     tried: dict[str, str] = {}
     for t in found.trials:
         fit = f"{t.fit:.1f} %" if np.isfinite(t.fit) else f"none ({t.reason[:60]})"
@@ -119,16 +124,15 @@ def _compared(bag: str | Path, signals: Mapping[str, Signal], proposal: Proposal
     if found.baseline is not None:
         beside[f"a black box ({found.baseline.model})"] = found.baseline.fit
     others = (f"{name} {fit:.1f} %" for name, fit in beside.items() if np.isfinite(fit))
-    lines = [f"free run of each later cycle: {', '.join((*tried.values(), *others))}"]
-    if found.halves.doubt:
-        lines.append(f"{DOUBT}{found.halves.doubt}")
+    told = f"free run of each later cycle: {', '.join((*tried.values(), *others))}"
+    doubts = [found.halves.doubt] if found.halves.doubt else []
     if not found.two:
-        lines.append(
-            f"{DOUBT}{found.trials[0].model} follows the difference of both commands better (a "
+        doubts.append(
+            f"{found.trials[0].model} follows the difference of both commands better (a "
             f"cylinder, a tank, a drive), which no bag holds: valve-twin convert {bag} --config "
             "FILE --out X.csv, then valve-twin configure X.csv"
         )
-    return lines
+    return [told], doubts
 
 
 def _range01(signal: Signal) -> Mapping01:

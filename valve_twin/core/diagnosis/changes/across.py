@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.reference import NotYet
 from valve_twin.core.estimation.data.robust import robust_sigma
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def doubt_of_product(product: IntArray) -> str:
     unknown = int(np.argmax(np.append(product[::-1] >= 0, True)))
     if unknown < _UNKNOWN:
         return ""
-    return f"no reference yet: the newest {unknown} cycles are of no product that is known"
+    return NotYet(f"no reference yet: the newest {unknown} cycles are of no product that is known")
 
 
 def doubt_across(

@@ -16,7 +16,7 @@ from valve_twin.core.diagnosis.generic.naming import in_travel
 from valve_twin.core.diagnosis.given.against import JUDGED, LEAST, Held, hold
 from valve_twin.core.diagnosis.given.reference import FEATURE_VERSION, PREFIX, Seen
 from valve_twin.core.diagnosis.given.scatter import departs_by
-from valve_twin.core.diagnosis.reference import YET
+from valve_twin.core.diagnosis.reference import NotYet
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.given.reference import FeatureReference
@@ -181,7 +181,8 @@ def judged(
     first = product[known][:JUDGED].tolist()
     lately = product[-_LATELY:]
     enough = all(first.count(p) >= _OF_PRODUCT for p in lately.tolist() if p >= 0)
-    if held.settled and enough and (product[-2:] >= 0).any() and found.doubt.startswith(YET):
+    enough = enough and bool((product[-2:] >= 0).any())
+    if held.settled and enough and isinstance(found.doubt, NotYet):
         found = replace(found, doubt="")
     return replace(found, against=held.text)
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.generic.features import LENGTHS, ROOTS
 from valve_twin.core.diagnosis.products import products
+from valve_twin.core.estimation.data.robust import MAD_SCALE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -40,7 +41,6 @@ _ALIKE = 0.01
 """Share by which a cycle may last longer or shorter than those of its product, assumed [1]."""
 
 _CLIPPED = 4.0
-_MAD = 1.4826
 _TAIL, _TAIL_DEVIATIONS = 0.9, 1.645
 
 
@@ -148,9 +148,14 @@ class FeatureReference:
     @property
     def text(self) -> str:
         """The file, how many valves and cycles it is made of."""
+        return f"the stored reference {self.name} ({self.made_of})"
+
+    @property
+    def made_of(self) -> str:
+        """How many valves and cycles it is made of."""
         count = len(self.valves)
         valves = "1 valve" if count == 1 else f"{count} valves"
-        return f"the stored reference {self.name} ({valves}, {self.cycles} cycles)"
+        return f"{valves}, {self.cycles} cycles"
 
     def offsets(self) -> FloatArray:
         """Return what each valve lies off the centres of its products, (V, F)."""
@@ -333,7 +338,9 @@ def _within(off: FloatArray, freedom: int) -> FloatArray:
     """Return the (F, F) covariance of what cycles are off by, single outliers cut."""
     size = np.abs(off)
     with np.errstate(invalid="ignore"):
-        spread = _MAD * np.nanmedian(np.where(np.isfinite(size).any(axis=0), size, 0.0), axis=0)
+        spread = MAD_SCALE * np.nanmedian(
+            np.where(np.isfinite(size).any(axis=0), size, 0.0), axis=0
+        )
         tail = np.nanquantile(np.where(np.isfinite(size).any(axis=0), size, 0.0), _TAIL, axis=0)
     spread = np.maximum(spread, tail / _TAIL_DEVIATIONS)
     off = np.where(spread > 0.0, np.clip(off, -_CLIPPED * spread, _CLIPPED * spread), off)
