@@ -188,11 +188,21 @@ def test_the_longest_name_is_written(tmp_path):
 def test_what_fails_on_its_way_to_its_place_leaves_nothing(tmp_path):
     path = tmp_path / "a.db"
     path.write_text("before")
-    with pytest.raises(KeyboardInterrupt), placed(path, part_of(path)) as part:
-        part.write_text("half")
-        raise KeyboardInterrupt
+
+    def fail() -> None:
+        with placed(path, part_of(path)) as part:
+            part.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fail()
     assert path.read_text() == "before"
     assert os.listdir(tmp_path) == ["a.db"]
+
+
+def test_a_file_has_its_place_once_it_is_complete(tmp_path):
+    path = tmp_path / "a.db"
+    path.write_text("before")
     with placed(path, part_of(path)) as part:
         part.write_text("after")
         assert path.read_text() == "before"

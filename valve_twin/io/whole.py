@@ -137,13 +137,13 @@ def sync_file(path: Path) -> None:
         os.fsync(file.fileno())
 
 
-def sync_folder(folder: Path, sync: Callable[[int], object] = os.fsync) -> None:
+def sync_folder(folder: Path, sync: Callable[[int], object] | None = None) -> None:
     """Put the names in a folder on disk: a new file is found after a power cut."""
     if not hasattr(os, "O_DIRECTORY"):
         return  # Windows keeps its names without being asked, and opens no folder
     number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        sync(number)
+        (sync or os.fsync)(number)
     finally:
         os.close(number)
 

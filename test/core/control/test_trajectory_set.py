@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from valve_twin.core.control.nonlinear_pid import PidConfig, pid_output
 from valve_twin.core.control.trajectory_set import (
-    CANDIDATES,
     HORIZON,
     MODEL_STEPS,
     TrajectorySetConfig,
@@ -23,7 +22,7 @@ from valve_twin.core.control.trajectory_set import (
 @given(st.floats(-1.0, 1.0))
 def test_candidates_hold_the_last_input_and_both_limits_and_stay_inside(last):
     weights = TrajectorySetConfig().weights()
-    inputs = [candidate(weights, k, last) for k in range(CANDIDATES)]
+    inputs = [candidate(weights, k, last) for k in range(7)]
     assert inputs[0] == last
     assert {-1.0, 1.0} <= set(inputs)
     assert all(-1.0 <= u <= 1.0 for u in inputs)
@@ -44,12 +43,13 @@ def test_sizes_of_change_go_evenly_from_small_to_large(last, sizes):
 
 def test_the_usual_set_is_that_of_two_sizes():
     weights = TrajectorySetConfig().weights()
-    inputs = [candidate(weights, k, 0.1) for k in range(CANDIDATES)]
+    inputs = [candidate(weights, k, 0.1) for k in range(7)]
     assert inputs == pytest.approx([0.1, 0.12, 0.08, 0.3, -0.1, -1.0, 1.0])
 
 
 def test_a_decision_takes_about_900_model_steps():
-    assert CANDIDATES * HORIZON * MODEL_STEPS == 896
+    candidates = 2 * TrajectorySetConfig().sizes + 3
+    assert candidates * HORIZON * MODEL_STEPS == 896
 
 
 def test_an_error_beyond_the_target_weighs_more():

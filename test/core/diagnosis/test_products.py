@@ -7,10 +7,10 @@ import pytest
 
 from valve_twin.core.diagnosis.products import (
     MADE,
+    Slips,
     clocks_apart,
     last_left,
     products,
-    without_slips,
     without_timed,
 )
 
@@ -137,15 +137,17 @@ def test_one_pilot_that_becomes_slower_and_a_step_are_no_clocks_apart(table):
 
 def test_a_sample_more_between_the_signals_is_taken_out_and_a_slower_valve_is_not(table):
     late = 0.03 * (CYCLES > 20)
-    alone = without_slips(delays(table, np.zeros(40), late), table)
+    alone = Slips().taken_out(delays(table, np.zeros(40), late), table)
     assert np.ptp(alone) == 0.0
     both = delays(table, late, late)
-    assert np.array_equal(without_slips(both, table), both)
+    assert np.array_equal(Slips().taken_out(both, table), both)
 
 
 def test_a_delay_that_jumps_in_every_cycle_keeps_its_scatter(table):
     turns = 0.03 * (CYCLES % 2)
-    column = without_slips(delays(table, 0.0, turns), table)[:, table.features.index("delay_out")]
+    column = Slips().taken_out(delays(table, 0.0, turns), table)[
+        :, table.features.index("delay_out")
+    ]
     assert np.std(column[10:]) > 5e-3
 
 

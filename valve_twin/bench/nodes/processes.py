@@ -85,10 +85,6 @@ class NodeProcess:
         own = sizes["Private_Clean"] + sizes["Private_Dirty"]
         return sizes["Rss"] / MB, own / MB
 
-    def loaded(self, name: str) -> bool:
-        """Whether a file whose path holds `name` is mapped: a compiled module that is loaded."""
-        return name in Path(f"/proc/{self.pid}/maps").read_text()
-
     def terminate(self) -> None:
         """Tell it to end; `end` waits for it."""
         self._process.terminate()

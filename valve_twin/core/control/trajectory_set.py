@@ -26,9 +26,6 @@ HORIZON = 32
 MODEL_STEPS = 4
 """Model steps a control sample: 25 us, well below the limit of 160 us, assumed."""
 
-CANDIDATES = 7
-"""Candidates of two sizes of change: the last input, four changes, two limits, assumed."""
-
 
 class TrajectoryWeights(NamedTuple):
     """Numbers of `TrajectorySetConfig` as the compiled controller takes them."""

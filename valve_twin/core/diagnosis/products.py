@@ -159,30 +159,13 @@ def last_left(cycles: IntArray, product: IntArray, number: int) -> int:
     return int(cycles[known][left[-1]]) if len(left) else -1
 
 
-def without_slips(vectors: FloatArray, table: SignatureTable) -> FloatArray:
-    """Take out of the delays what one sample more or less between the two signals does.
+class Slips:
+    """Takes out of the delays what one sample more or less between the two signals does.
 
     Where controller and logger are not in step, a command is logged a sample earlier or later
     from some cycle on. One delay then jumps by a sample, and nothing else. A delay that jumps more
     often scatters so: nothing is taken out.
-
-    Parameters
-    ----------
-    vectors : (N, F) array
-        Features [unit by feature].
-    table : SignatureTable
-        Names of the features.
-
-    Returns
-    -------
-    (N, F) array
-        Features whose delays do not jump alone.
     """
-    return Slips().taken_out(vectors, table)
-
-
-class Slips:
-    """Takes slips out of cycles as they come, see `without_slips`."""
 
     def __init__(self) -> None:
         self._given, self._out = np.empty((0, 0)), Growing(0)

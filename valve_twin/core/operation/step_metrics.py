@@ -109,10 +109,6 @@ class StepMetrics:
     size: float
     metrics: tuple[Metric, ...]
 
-    def metric(self, name: str) -> Metric:
-        """Return the metric of a name; StopIteration where it is none."""
-        return next(m for m in self.metrics if m.name == name)
-
 
 class _Rest(NamedTuple):
     """End of a hold: samples, mean, change between its halves and about its line."""

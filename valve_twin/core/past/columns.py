@@ -131,10 +131,6 @@ class Rows:
             return self
         return self._of(index)
 
-    def until(self, end: int) -> Rows:
-        """Return the first `end` rows."""
-        return self._of(slice(0, end))
-
     def since(self, first: int) -> Rows:
         """Return the rows from `first` on."""
         return self._of(slice(first, None))

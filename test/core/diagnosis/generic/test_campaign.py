@@ -22,7 +22,7 @@ from valve_twin.core.diagnosis.generic.faults import FAULTS
 from valve_twin.core.diagnosis.generic.reference import Reference
 from valve_twin.core.diagnosis.generic.rig import FaultyValve, ModelRig
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
-from valve_twin.core.diagnosis.products import without_slips
+from valve_twin.core.diagnosis.products import Slips
 from valve_twin.core.valves.registry import get_model, get_simulation, model_names
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.offline.simulated_bag import simulation_of
@@ -131,7 +131,7 @@ def test_a_shipped_valve_that_ages_has_no_sudden_fault(root, name, cycles, seeds
         valve = rig.start(seed)
         table = own_signatures(rig, valve)
         numbers = np.arange(valve.cycle, valve.cycle + cycles)
-        vectors = without_slips(rig.run(valve, cycles), table)
+        vectors = Slips().taken_out(rig.run(valve, cycles), table)
         found = detect(numbers, vectors, table, detection_of(rig.feature_set))
         alarms += [(seed, f.fault, f.onset) for f in found.findings]
     assert len(alarms) <= most, alarms

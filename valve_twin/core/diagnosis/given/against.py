@@ -85,9 +85,6 @@ class Held(NamedTuple):
     text: str = ""
 
 
-NOT_HELD = Held()
-
-
 def hold(
     cycles: IntArray,
     rows: FloatArray,

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import FloatArray
 
-SIGNALS = ("CV", "P1", "P2", "T1", "X", "F")
-"""The official signals, each a part of its span [1]."""
 PRESSURE_SPAN, WARMTH_SPAN, FLOW_SPAN, AIR_SPAN = 4e6, 200.0, 40.0, 1e6
 """Spans of the sensors [Pa], [C], [t/h], [Pa]."""
 WHITE, HUM, HUM_HZ = np.sqrt(2e-6), 0.0025, 50.0
@@ -148,7 +146,7 @@ class Record:
     Attributes
     ----------
     signals : (N, 6) array
-        The official signals in the order of `SIGNALS` [1].
+        The official signals CV, P1, P2, T1, X and F, each a part of its span [1].
     hidden : (N, 3) array
         Supply pressure, controller's output, chamber pressure, without noise [1]; not official.
     true : (N, 2) array

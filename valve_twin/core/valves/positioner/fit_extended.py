@@ -205,26 +205,6 @@ def _derivatives(
     return found.T
 
 
-def simulate(p: FloatArray, record: Record, lags: tuple[int, int], held: int) -> FloatArray:
-    """Return the (N,) free run of a record [1].
-
-    Parameters
-    ----------
-    p : (12,) array
-        Parameters, see `extended.N_EXTENDED`.
-    record : Record
-        N samples.
-    lags : tuple of int
-        Delays of a rise and of a fall [samples].
-    held : int
-        First samples that are taken as they were measured.
-    """
-    out = np.empty(len(record.position))
-    in_force = delay_record(record.command, *lags, held)
-    free_run(p, record.position, in_force, record.period_s, held, record.stops, out)
-    return out
-
-
 def fit_extended(
     record: Record,
     structure: Structure,

@@ -15,9 +15,6 @@ from valve_twin.kernels import njit
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
 
-STATE_SIZE = 2
-"""Length of the controller's state: integral of the error [s], latch "output is off" [0 or 1]."""
-
 
 class PlcSettings(NamedTuple):
     """Numbers of `PlcConfig` as the compiled controller takes them, same names and units."""
@@ -69,7 +66,7 @@ class PlcConfig:
 
 
 def initial_state() -> FloatArray:
-    """Return the (2,) state of a controller whose output is off."""
+    """Return integral of the error [s] and latch "output is off" [0 or 1], (2,): it is off."""
     return np.array([0.0, 1.0])
 
 
