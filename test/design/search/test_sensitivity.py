@@ -66,6 +66,27 @@ def test_indices_are_those_of_the_closed_form_within_their_intervals(design, arc
         assert found.total[name][0] >= middle - 0.03
 
 
+def test_static_curves_and_poles_have_indices_beside_the_loop(design, archive):
+    def smooth(tasks):
+        for task in tasks:
+            r, g = (task.values[n] / getattr(design, n) for n in ("armature_radius", "gap_ratio"))
+            figures = dict.fromkeys(("rise_s", "settling_s", "overshoot", "loss"), r)
+            figures |= {"margin": 80.0 * r, "current_pole_2_hz": 200.0 / g,
+                        "force_pole_2_hz": 100.0 + r + g}  # fmt: skip
+            curves = {"force": (1.0, -100.0 * r * r / g), "flux": (0.1 / g, 0.0)}
+            yield Outcome(task.key, task.fidelity, task.values, figures, curves)
+
+    study = Study(design, archive, smooth)
+    found = {of.figure: of for of in sobol_indices(study, ("armature_radius", "gap_ratio"), 30)}
+    assert list(found)[4:] == ["force", "flux", "margin", "current_pole_2_hz", "force_pole_2_hz"]
+    force = found["force"].first  # of r^2 / g: 4 to 1 for small changes
+    assert force["armature_radius"][0] == pytest.approx(0.8, abs=0.01)
+    assert force["gap_ratio"][0] == pytest.approx(0.2, abs=0.01)
+    assert found["flux"].total["armature_radius"][0] == pytest.approx(0.0, abs=0.01)
+    assert found["margin"].surrogate is not None
+    assert found["margin"].surrogate.error == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_poor_surrogate_gives_no_indices(design, archive):
     study = Study(design, archive, Ishigami(design, 0.05))
     found = sobol_indices(study, Ishigami.NAMES, 30, figures=("loss", "overshoot"))

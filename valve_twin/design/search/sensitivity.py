@@ -30,6 +30,12 @@ SHARE = 0.05
 LOOP = ("rise_s", "settling_s", "overshoot", "loss")
 """Figures of the closed loop."""
 
+STATIC = ("force", "flux", "margin")
+"""Largest force and flux linkage of coil A on the static curves, least force left on the way."""
+
+POLES = ("current_pole_2_hz", "force_pole_2_hz")
+"""Faster poles of G_A and G_F; the slower ones lie on or near their bound."""
+
 POOREST = 0.7
 """Share of the variance that a surrogate must tell of designs it has not seen, assumed [1]."""
 
@@ -187,7 +193,7 @@ def sobol_indices(
     names: Sequence[str],
     samples: int,
     *,
-    figures: Sequence[str] = LOOP,
+    figures: Sequence[str] = (*LOOP, *STATIC, *POLES),
     share: float = SHARE,
     seed: int = 0,
 ) -> tuple[Indices, ...]:
@@ -202,7 +208,7 @@ def sobol_indices(
     samples : int
         Designs to evaluate.
     figures : sequence of str
-        Names of figures.
+        Names of figures or of static curves, of which the largest value counts.
     share : float
         Range of a number to either side over its value [1].
     seed : int
@@ -231,8 +237,16 @@ def sobol_indices(
         message = f"{len(found) - len(kept)} of {len(found)} designs failed: {_first_error(found)}"
         raise ValueError(message)
     return tuple(
-        _indices(f, names, points, np.array([of.figures[f] for of in kept]), seed) for f in figures
+        _indices(f, names, points, np.array([figure_of(of, f) for of in kept]), seed)
+        for f in figures
     )
+
+
+def figure_of(outcome: Outcome, name: str) -> float:
+    """Return a figure of an outcome; of a static curve its largest value [SI]."""
+    if name in outcome.curves:
+        return float(np.abs(outcome.curves[name]).max())
+    return outcome.figures[name]
 
 
 def fewest_designs(numbers: int, samples: int) -> int:
