@@ -50,6 +50,7 @@ def test_the_table_names_resistance_and_mass(capsys):
     ("words", "said"),
     [
         (["--set", "turns=500"], "winding height = 0.0118516: must be 0 to 0.0095 [m], off by"),
+        (["--set", "turns=300", "--set", "turns=350"], "--set turns=350: turns is set twice"),
         (["--set", "wire=0.6e-3"], "the nearest are 0.00056 and 0.00063"),
         (
             ["--set", "wire=2e-3"],

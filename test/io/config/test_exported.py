@@ -44,3 +44,32 @@ def test_a_file_of_another_valve_is_refused(root):
         exported_yaml(root / "config" / "servo_system.yaml", MODEL.name, {}, {}, "")
     with pytest.raises(ConfigError, match="is no parameter file"):
         exported_yaml(root / "README.md", MODEL.name, {}, {}, "")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is no parameter file with a section '/\\*\\*' and a model$"),
+        (
+            "'/**': {ros__parameters: {model: MODEL, options: [1]}}",
+            r"options = \[1\]: must be a sec",
+        ),
+        (
+            "'/**': {ros__parameters: {model: MODEL, simulation: {plant: 3}}}",
+            "plant = 3: must be a",
+        ),
+    ],
+)
+def test_sections_that_are_none_are_refused(text, said, tmp_path):
+    path = tmp_path / "like.yaml"
+    path.write_text(text.replace("MODEL", MODEL.name), encoding="utf-8")
+    with pytest.raises(ConfigError, match=said):
+        exported_yaml(path, MODEL.name, {}, {}, "")
+
+
+def test_empty_sections_are_filled(tmp_path):
+    path = tmp_path / "like.yaml"
+    text = f"'/**':\n  ros__parameters:\n    model: {MODEL.name}\n    options:\n    simulation:\n"
+    path.write_text(text, encoding="utf-8")
+    found = exported_yaml(path, MODEL.name, {"mass": 0.1}, {}, "a design")
+    assert found.count("mass: 0.1") == 2

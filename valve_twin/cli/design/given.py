@@ -75,6 +75,9 @@ def read_given(
         if not equals:
             msg = f"--set {text}: write NAME=VALUE"
             raise ConfigError(msg)
+        if name in changes:
+            msg = f"--set {text}: {name} is set twice"
+            raise ConfigError(msg)
         changes[name] = _value(value)
     with refusals():
         path = Path(arguments.design) if arguments.design else None

@@ -60,7 +60,8 @@ def add(steps: Verbs) -> None:
 def _report(arguments: argparse.Namespace) -> int:
     design = read_double_stroke(arguments)
     if not arguments.archive or not Path(arguments.archive).is_file():
-        msg = f"--archive {arguments.archive}: name the file of valve-twin design optimise"
+        given = f" {arguments.archive}" if arguments.archive else ""
+        msg = f"--archive{given}: name the file of valve-twin design optimise"
         raise ConfigError(msg)
     folder = Path(arguments.out)
     folder.mkdir(parents=True, exist_ok=True)

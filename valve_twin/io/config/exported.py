@@ -61,21 +61,41 @@ def exported_yaml(
         tree = load_yaml(like.read_text(encoding="utf-8"))
         section = tree[_ALL][WRAPPER]
         found = section["model"]
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as err:
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
         msg = f"{like}: is no parameter file with a section '{_ALL}' and a model ({err})"
+        raise ConfigError(msg) from err
+    except (KeyError, TypeError) as err:
+        msg = f"{like}: is no parameter file with a section '{_ALL}' and a model"
         raise ConfigError(msg) from err
     if found != model:
         msg = f"{like}: is of model '{found}'; give one of '{model}'"
         raise ConfigError(msg)
     both = _nested(shared)
-    section["options"] = {**section.get("options", {}), **both, **twin}
-    simulation = section.setdefault("simulation", {})
-    simulation["plant"] = {**simulation.get("plant", {}), **both, **_nested(own)}
+    section["options"] = {**_part(like, section, "options"), **both, **twin}
+    section["simulation"] = simulation = _part(like, section, "simulation")
+    simulation["plant"] = {**_part(like, simulation, "plant"), **both, **_nested(own)}
     known = (*option_descriptors(get_model(model), "options."),
              *describe(get_simulation(model), "simulation."))  # fmt: skip
     notes = {d.name: f"{d.text} [{d.unit}]" if d.unit else d.text for d in known}
     lines = [*_HEADER, f"# {title}", *_lines(tree, "", notes, "")]
     return "\n".join(lines) + "\n"
+
+
+def _part(like: Path, tree: Mapping[str, object], key: str) -> dict[str, object]:
+    """Return a section; one that is missing or empty has no keys.
+
+    Raises
+    ------
+    ConfigError
+        If it is none.
+    """
+    found = tree.get(key)
+    if found is None:
+        return {}
+    if not isinstance(found, dict):
+        msg = f"{like}: {key} = {found!r}: must be a section with keys"
+        raise ConfigError(msg)
+    return found
 
 
 def _nested(given: Mapping[str, object]) -> dict[str, object]:
