@@ -93,7 +93,9 @@ def _row(of: Effect, own: FloatArray, turns: Sequence[float]) -> Mapping[str, fl
     """Return a row of the study; "-" = the parts do not fit."""
     from valve_twin.design.holding import STUDIED
 
-    row: dict[str, float | str] = {"number": of.name}
+    low, high = of.values
+    name = of.name if low else f"{of.name} (0 and {1e3 * high:+g} mm)"
+    row: dict[str, float | str] = {"number": name}
     for k, mmf in enumerate(turns):
         both = (100.0 * (force[k] / own[k] - 1.0) for force in of.forces)
         row[f"{mmf:g} At, %"] = "/".join(f"{v:+.1f}" if np.isfinite(v) else "-" for v in both)
