@@ -43,7 +43,10 @@ def test_a_power_that_no_step_gets_is_told(capsys, monkeypatch):
 
 @pytest.mark.parametrize(
     ("form", "said"),
-    [("second_order", "the next order is --dynamics eddies"), ("eddies", "gains of its branches")],
+    [
+        ("second_order", "the next order is --dynamics eddies"),
+        ("eddies", "the next order, gains that grow with the current"),
+    ],
 )
 def test_a_force_that_fits_poorly_says_what_the_form_lacks(form, said, capsys, monkeypatch):
     fits = {0.1: 74.9, 0.5: 75.0}
