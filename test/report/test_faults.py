@@ -2,6 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """The page names sudden faults, or says that there is none."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -38,6 +39,13 @@ def test_a_fault_stands_with_part_size_and_onset(told):
     assert "<td>valve</td>" in section
     assert "1/s</td><td>61</td>" in section
     assert "lasts" in section
+
+
+@pytest.mark.parametrize(("language", "word"), [("en", "unknown"), ("de", "unbekannt")])
+def test_a_size_that_no_signature_tells_is_said_to_be_unknown(told, language, word):
+    (leak,) = told["leak"].findings
+    unknown = replace(told["leak"], findings=(replace(leak, severity=math.nan),))
+    assert f"<td>{word}</td>" in render_report(replace(page(unknown), language=language))
 
 
 def test_an_end_that_nothing_tells_is_not_dated(told):

@@ -64,7 +64,8 @@ def plain_faults(faults: Sequence[NodeFault]) -> list[dict[str, object]]:
     faults : sequence of NodeFault
         Worst first.
     """
-    return [asdict(fault) | {"ne107": fault.ne107.value} for fault in faults]
+    plain = [asdict(fault) | {"ne107": fault.ne107.value} for fault in faults]
+    return [{key: v for key, v in one.items() if key != "told"} for one in plain]
 
 
 _OF_TREND = {

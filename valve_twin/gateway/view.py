@@ -7,7 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from valve_twin.core.faults.ne107 import NODE_FAULTS, Ne107
+from valve_twin.core.faults.advice import state_of
+from valve_twin.core.faults.ne107 import Ne107
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,11 +26,14 @@ class NodeFault:
     node, valve : str
         Who files it, and whose it is; a valve is empty where it is of none.
     code, subject : str
-        Its stable name (docs/faults.md), and the topic or signal that has it.
+        Its stable name (docs/faults.md), and the topic or signal that has it, or the name of the
+        fault of the valve.
     evidence, remedy : str
         What was seen last, and what to do.
     first_ns : int
         First seen, the node's clock [ns].
+    told : str
+        State that the valve's own verdict gives the same fault; empty = it tells no such fault.
     """
 
     node: str
@@ -39,11 +43,12 @@ class NodeFault:
     evidence: str = ""
     remedy: str = ""
     first_ns: int = 0
+    told: str = ""
 
     @property
     def ne107(self) -> Ne107:
-        """State of the monitoring that it disturbs; one that is not known here is looked at."""
-        return NODE_FAULTS.get(self.code, Ne107.CHECK_FUNCTION)
+        """State of the monitoring that it disturbs, or of the valve whose fault it names."""
+        return Ne107(self.told) if self.told else state_of(self.code, self.subject)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 from valve_twin.core.aging.verdict import VerdictKind
-from valve_twin.core.diagnosis.changes.finding import CLOCK, UNKNOWN
+from valve_twin.core.diagnosis.changes.finding import CLOCK, UNKNOWN, size_of
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.core.operation.step_metrics import METRICS
 from valve_twin.report.tables import MAX_ROWS, Table
@@ -80,9 +79,7 @@ def _row(finding: Finding, left_open: bool) -> list[str]:
         name, size = "like no known fault", NONE
     else:
         kind = BY_NAME[finding.fault]
-        unit = "" if kind.unit == "1" else f" {kind.unit}"
-        name = kind.text
-        size = f"{finding.severity:.2g}{unit}" if math.isfinite(finding.severity) else NONE
+        name, size = kind.text, size_of(finding) if kind.sized else NONE
     others = Markup("<br>").join(BY_NAME[r].text for r in finding.rivals)
     return [
         name,

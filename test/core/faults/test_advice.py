@@ -55,7 +55,7 @@ def test_every_verdict_has_a_state(kind):
 
 def test_a_sudden_fault_is_asked_for_by_its_name():
     advice = advise(verdict(VerdictKind.VALVE, "no_motion"))
-    assert (advice.ne107, advice.failure_mode) == (Ne107.FAILURE, "FTO")
+    assert (advice.ne107, advice.failure_mode) == (Ne107.FAILURE, "FTR")
     assert advice.sentence.startswith("spool and its command: stop")
     assert advice.sentence.endswith(", now")
 

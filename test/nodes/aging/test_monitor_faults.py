@@ -18,7 +18,9 @@ from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.verdict import decide
 from valve_twin.core.diagnosis.changes.finding import FRESH, Diagnosis, Finding, Stale
 from valve_twin.core.diagnosis.features import ESTIMATOR
-from valve_twin.core.diagnosis.table import PARTS, with_floor
+from valve_twin.core.diagnosis.table import with_floor
+from valve_twin.core.faults.kinds import FAULT_KINDS
+from valve_twin.core.faults.lifetime import FaultBook, Moment, Status
 from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
@@ -105,6 +107,25 @@ def test_a_sensor_fault_is_told_stored_and_in_the_diagnostics(graph, history):
     assert stored()[-1].cycle == CYCLES
 
 
+class Book(FaultBook):
+    """The faults of a node without the node."""
+
+    def __init__(self):
+        super().__init__(FAULT_KINDS)
+
+    def report(self, code, evidence, *, valve, subject=""):
+        super().report(code, evidence, Moment(0.0, 0), unit=valve, subject=subject)
+
+    def passed(self, code, *, valve, subject=""):
+        super().passed(code, Moment(0.0, 0), unit=valve, subject=subject)
+
+
+def look_at(book: Book, assessment: Assessment) -> None:
+    valve: Any = SimpleNamespace(assessment=assessment, name=assessment.verdict.valve)
+    node: Any = SimpleNamespace(faults=book)
+    AgingMonitorNode._look_at_faults(node, valve)
+
+
 @pytest.mark.parametrize(
     ("fault", "since", "raised"),
     [("sensor_offset", 0, True), ("sensor_offset", 32, False), ("clock", 0, False)],
@@ -114,10 +135,20 @@ def test_diagnostics_raise_a_part_where_the_verdict_names_it(fault, since, raise
     stale = Stale("why", unusable=True, since=since) if since else FRESH
     verdict = decide([], AgingConfig(), valve=NS, stamp_ns=0, cycle=40, fault=found, stale=stale)
     assessment = Assessment((), verdict, (), Diagnosis((found,), 40, ready=True))
-    told = {}
-    faults = SimpleNamespace(look=lambda code, evidence, valve: told.update({code: evidence}))
-    valve: Any = SimpleNamespace(assessment=assessment, name=NS)
-    node: Any = SimpleNamespace(faults=faults)
-    AgingMonitorNode._look_at_faults(node, valve)
-    assert set(told) == {f"diagnosis.{part}" for part in PARTS}
-    assert [code for code, text in told.items() if text] == ["diagnosis.sensor"] * raised
+    book = Book()
+    look_at(book, assessment)
+    assert [f.key for f in book.faults(NS)] == [f"diagnosis.sensor.{fault}"] * raised
+
+
+def test_a_fault_that_gets_another_name_is_healed_under_the_one_before():
+    book = Book()
+    for name in ("sticking", "no_motion"):
+        found = Finding(name, (), "valve", float("nan"), 20.0, 1, 20)
+        verdict = decide([], AgingConfig(), valve=NS, stamp_ns=0, cycle=40, fault=found)
+        look_at(book, Assessment((), verdict, (), Diagnosis((found,), 40, ready=True)))
+    filed = {f.subject: f for f in book.faults(NS)}
+    assert filed["sticking"].status is Status.HEALED
+    assert filed["no_motion"].is_active
+    states = {name: (f.kind.ne107.letter, f.kind.severity.name) for name, f in filed.items()}
+    assert states == {"sticking": ("M", "WARN"), "no_motion": ("F", "ERROR")}
+    assert filed["no_motion"].kind.remedy.startswith("spool and its command: stop")

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import ast
+import math
 import re
 import time
 from dataclasses import replace
@@ -31,7 +32,7 @@ from valve_twin.core.diagnosis.changes.finding import (
 )
 from valve_twin.core.diagnosis.table import BY_NAME, FAULT_TYPES, PAIRS, PARTS, SHOWN_BY, partner
 from valve_twin.core.faults.advice import BY_VERDICT, FAILURE_MODES, FAULT_ADVICE, NOW, advise
-from valve_twin.core.faults.kinds import FAULT_KINDS
+from valve_twin.core.faults.kinds import FAULT_KINDS, diagnosed
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Prediction, Validity
 from valve_twin.core.valves.registry import get_model, model_names
@@ -81,6 +82,7 @@ def test_words_that_come_from_elsewhere_are_translated():
 def test_what_to_do_against_every_fault_of_a_node_is_told_in_german():
     german = words("de")
     remedies = {kind.remedy for kind in FAULT_KINDS}
+    remedies |= {diagnosed("valve", advice).remedy for advice in FAULT_ADVICE.values()}
     assert len(remedies) > 30
     assert [
         r for r in remedies if sentence(r, german) == r or "lang=" in sentence(r, german)
@@ -215,6 +217,7 @@ def test_what_a_verdict_says_is_translated_with_its_figures():
     given = replace(next(trends()), reason="3 of 10 estimates since the segment began")
     said = [judged([t]).evidence for t in (given, *trends())]
     said += [describe_finding(found) for found in findings()]
+    said += [describe_finding(replace(found, severity=math.nan)) for found in findings()]
     over = [Diagnosis((replace(f, end=20),), 20, ready=True) for f in findings()]
     said += [lately_over(found, 20) for found in over]
     said += [judged([t], fault=f).evidence

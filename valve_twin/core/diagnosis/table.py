@@ -40,6 +40,8 @@ class FaultType:
         Whether it comes in both directions.
     most : float
         Greatest size that there is [unit of the fault].
+    sized : bool
+        Whether there is more and less of it.
     """
 
     name: str
@@ -48,6 +50,7 @@ class FaultType:
     unit: str = "1"
     two_sided: bool = False
     most: float = np.inf
+    sized: bool = True
 
 
 _SLOWEST = 4.0
@@ -70,7 +73,12 @@ FAULT_TYPES = (
     FaultType("end_stop_upper", "valve", "lowered upper end, share of the travel", most=1.0),
     FaultType("end_stop_lower", "valve", "raised lower end, share of the travel", most=1.0),
     FaultType("oscillation", "valve", "oscillating position, share of the travel", most=1.0),
-    FaultType("no_motion", "valve", "no motion: the spool is stuck, or no command reaches it"),
+    FaultType(
+        "no_motion",
+        "valve",
+        "no motion: the spool is stuck, or no command reaches it",
+        sized=False,
+    ),
     FaultType(
         "sensor_offset",
         "sensor",

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.aging.verdict import LimitState, VerdictKind
 from valve_twin.core.diagnosis.changes.finding import UNKNOWN
-from valve_twin.core.faults.ne107 import Ne107
+from valve_twin.core.faults.lifetime import Severity
+from valve_twin.core.faults.ne107 import NODE_FAULTS, Ne107
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +25,6 @@ FAILURE_MODES = {
     "AIR": "abnormal instrument reading",
     "DOP": "delayed operation",
     "ERO": "erratic output",
-    "FTO": "failure to open on demand",
     "FTR": "failure to regulate",
     "INL": "internal leakage",
     "LOO": "low output",
@@ -65,6 +65,11 @@ class Advice:
     urgency: str = NONE
 
     @property
+    def severity(self) -> Severity:
+        """Severity of the fault at a node: the valve fails, or it still does what it is for."""
+        return Severity.ERROR if self.ne107 is Ne107.FAILURE else Severity.WARN
+
+    @property
     def sentence(self) -> str:
         """Part, action and urgency in a line; empty where nothing is to be done."""
         if not self.action:
@@ -91,13 +96,13 @@ _CAUSES = {
     "end_stop_upper": (_M, "PDE", "upper end stop", "dirt, shifted stop, low supply"),
     "end_stop_lower": (_M, "PDE", "lower end stop or seat", "dirt, worn seat, shifted stop"),
     "oscillation": (_S, "ERO", "control loop and supply", "loop too tight, friction, gas"),
-    "no_motion": (_F, "FTO", "spool and its command", "jammed spool, or no command arrives"),
+    "no_motion": (_F, "FTR", "spool and its command", "jammed spool, or no command arrives"),
     "sensor_offset": (_S, "AIR", "position sensor", "shifted mounting or electronics"),
     "sensor_gain": (_S, "AIR", "position sensor", "drifted or wrongly scaled sensor"),
     "sensor_freeze": (_F, "AIR", "position sensor", "signal held by sensor, cable or bus"),
     "sensor_noise": (_M, "AIR", "position sensor", "bad contact, earth or cable"),
     "clock": (_S, "AIR", "clocks of the signals", "position and commands are not synchronised"),
-    "command_offset": (_M, "FTR", "command path", "shifted null of output, amplifier or pilot"),
+    "command_offset": (_M, "PDE", "command path", "shifted null of output, amplifier or pilot"),
     "command_loss": (_F, "FTR", "command path", "output, cable or amplifier drops commands"),
     "saturation": (_S, "LOO", "command and supply", "more is asked for than the drive can give"),
     "supply_drop": (_S, "LOO", "supply", "pump, accumulator, filter or another consumer"),
@@ -183,8 +188,26 @@ def advise(verdict: Verdict, trends: Sequence[Trend] = ()) -> Advice:
     if advice is None:
         return BY_VERDICT[verdict.kind]
     if trend is not None and trend.limit_state is LimitState.ALARM:
-        return replace(advice, ne107=LIMIT_STATES[trend.limit_state], urgency=NOW)
+        beyond = LIMIT_STATES[trend.limit_state]
+        graver = max(advice.ne107, beyond, key=lambda state: state.severity)
+        return replace(advice, ne107=graver, urgency=NOW)
     return advice
+
+
+DIAGNOSIS = "diagnosis."
+"""With what the codes of the faults of nodes begin that a verdict names; their subject is it."""
+
+
+def state_of(code: str, subject: str = "") -> Ne107:
+    """Return the state of a fault of a node; of a code that is not known here somebody looks.
+
+    Parameters
+    ----------
+    code, subject : str
+        As it is filed: the subject of a fault that a verdict names is its name.
+    """
+    named = FAULT_ADVICE.get(subject) if code.startswith(DIAGNOSIS) else None
+    return NODE_FAULTS.get(code, Ne107.CHECK_FUNCTION) if named is None else named.ne107
 
 
 def with_advice_table(text: str) -> str:

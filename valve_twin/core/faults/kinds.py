@@ -4,15 +4,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf, isinf
+from typing import TYPE_CHECKING
 
+from valve_twin.core.diagnosis.changes.finding import UNKNOWN
+from valve_twin.core.diagnosis.table import FAULT_TYPES
+from valve_twin.core.faults.advice import DIAGNOSIS, FAULT_ADVICE
 from valve_twin.core.faults.lifetime import FaultKind, Severity
-from valve_twin.core.faults.ne107 import NODE_FAULTS
+from valve_twin.core.faults.ne107 import Ne107
+
+if TYPE_CHECKING:
+    from valve_twin.core.faults.advice import Advice
 
 _WARN, _ERROR, _STALE = Severity.WARN, Severity.ERROR, Severity.STALE
 
 EVENT_HEAL_S = 30.0
 """An event that happens no more is healed after this time [s]."""
+
+_AS_NAMED = "Do what the verdict's advice for this fault says; then mark the maintenance."
 
 _INPUTS = (
     FaultKind(
@@ -213,29 +223,12 @@ _STORE = (
 )
 
 _DIAGNOSIS = tuple(
-    FaultKind(f"diagnosis.{part}", _WARN, meaning, remedy, heal_s=inf)
-    for part, meaning, remedy in (
-        (
-            "valve",
-            "What the valve does has changed suddenly; the fault is named with its size.",
-            "Look at what is named: leak, pilots, coil, spring, gas in the chamber; then mark the "
-            "maintenance.",
-        ),
-        (
-            "command",
-            "The valve answers as if its command did not always reach it.",
-            "Look at cable, connector and amplifier; then mark the maintenance.",
-        ),
-        (
-            "sensor",
-            "The position signal has changed suddenly: offset, gain, or it freezes.",
-            "Look at the position sensor, its cable and its scaling; then mark the maintenance.",
-        ),
-        (
-            "supply",
-            "The valve acts as if its supply pressure had fallen.",
-            "Look at pump, accumulator and filter; then mark the maintenance.",
-        ),
+    FaultKind(f"{DIAGNOSIS}{part}", _WARN, meaning, _AS_NAMED, heal_s=inf)
+    for part, meaning in (
+        ("valve", "What the valve does has changed suddenly; the subject names the fault."),
+        ("command", "Commands do not reach the valve as they are; the subject names the fault."),
+        ("sensor", "The position signal has changed suddenly; the subject names the fault."),
+        ("supply", "The valve acts as if its supply had fallen; the subject names the fault."),
     )
 )
 
@@ -315,6 +308,31 @@ FAULT_KINDS: tuple[FaultKind, ...] = (
 """Every fault by area."""
 
 
+_PARTS = {UNKNOWN: "valve"} | {fault.name: fault.part for fault in FAULT_TYPES}
+_BY_CODE = {kind.code: kind for kind in FAULT_KINDS}
+
+
+def diagnosed(part: str, advice: Advice) -> FaultKind:
+    """Return the kind of a fault of the valve that a verdict names.
+
+    Parameters
+    ----------
+    part : str
+        What has it: valve, command, sensor or supply.
+    advice : Advice
+        What the verdict asks for: it gives state, severity and remedy.
+    """
+    kind = _BY_CODE[f"{DIAGNOSIS}{part}"]
+    return replace(
+        kind,
+        severity=advice.severity,
+        remedy=advice.sentence,
+        state=advice.ne107,
+        failure_mode=advice.failure_mode,
+        cause=advice.cause,
+    )
+
+
 def with_fault_table(text: str) -> str:
     """Return docs/faults.md with the table between its two marks written anew."""
     begin, end = "<!-- table begins -->\n", "<!-- table ends -->"
@@ -329,11 +347,26 @@ def fault_reference() -> str:
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     lines += [
-        f"| `{k.code}` | {k.severity.name} | {NODE_FAULTS[k.code].letter} | {_confirm(k)} | "
+        f"| `{k.code}` | {_severity(k)} | {_letter(k)} | {_confirm(k)} | "
         f"{_heal(k)} | {k.meaning} | {k.remedy} |"
         for k in FAULT_KINDS
     ]
     return "\n".join(lines) + "\n"
+
+
+def _named(kind: FaultKind) -> list[Advice]:
+    """Return the advices of all faults that may be the subject of a kind."""
+    return [a for name, a in FAULT_ADVICE.items() if kind.code == f"{DIAGNOSIS}{_PARTS[name]}"]
+
+
+def _severity(kind: FaultKind) -> str:
+    given = sorted({a.severity for a in _named(kind)}) or [kind.severity]
+    return " or ".join(severity.name for severity in given)
+
+
+def _letter(kind: FaultKind) -> str:
+    given = {a.ne107 for a in _named(kind)} or {kind.ne107}
+    return " or ".join(state.letter for state in Ne107 if state in given)
 
 
 def _heal(kind: FaultKind) -> str:

@@ -15,8 +15,12 @@ from enum import Enum, IntEnum
 from math import isinf
 from typing import TYPE_CHECKING
 
+from valve_twin.core.faults.ne107 import NODE_FAULTS
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+    from valve_twin.core.faults.ne107 import Ne107
 
 
 class Severity(IntEnum):
@@ -53,6 +57,10 @@ class FaultKind:
         Reported at least this often, events counted, before it is confirmed [1].
     heal_s : float
         Healed when it was not reported for this long; infinite = when it is seen to be absent [s].
+    state : Ne107, optional
+        State of NAMUR NE 107 of a fault of the valve that is named; None = that of the code.
+    failure_mode, cause : str
+        Code of ISO 14224 and the most probable cause of such a fault; empty = a fault of a node.
     """
 
     code: str
@@ -62,6 +70,14 @@ class FaultKind:
     confirm_s: float = 0.0
     confirm_count: int = 1
     heal_s: float = 2.0
+    state: Ne107 | None = None
+    failure_mode: str = ""
+    cause: str = ""
+
+    @property
+    def ne107(self) -> Ne107:
+        """State of NAMUR NE 107: of the valve where its fault is named, else by the code."""
+        return NODE_FAULTS[self.code] if self.state is None else self.state
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +162,7 @@ class FaultBook:
 
     def report(
         self,
-        code: str,
+        code: str | FaultKind,
         evidence: str,
         now: Moment,
         *,
@@ -158,8 +174,8 @@ class FaultBook:
 
         Parameters
         ----------
-        code : str
-            Code of its kind.
+        code : str or FaultKind
+            Code of its kind, or a kind of that code that says more of this fault.
         evidence : str
             What was seen, with figures.
         now : Moment
@@ -174,10 +190,12 @@ class FaultBook:
         ValueError
             If the code is unknown.
         """
+        told = code if isinstance(code, FaultKind) else None
+        code = code if told is None else told.code
         if code not in self._kinds:
             msg = f"fault code '{code}' is unknown; add it to core/faults/kinds.py"
             raise ValueError(msg)
-        kind, key = self._kinds[code], (unit, code, subject)
+        kind, key = told or self._kinds[code], (unit, code, subject)
         run = self._runs.get(key)
         run = (
             _Run(now.steady_s, now.steady_s, events)
@@ -192,9 +210,8 @@ class FaultBook:
             )
         elif fault.status is Status.HEALED:
             fault = replace(fault, status=Status.PENDING)
-        fault = replace(
-            fault, evidence=evidence, last_ns=now.stamp_ns, events=fault.events + events
-        )
+        more = fault.events + events
+        fault = replace(fault, kind=kind, evidence=evidence, last_ns=now.stamp_ns, events=more)
         if fault.status is Status.PENDING and _is_confirmed(kind, run):
             fault = replace(fault, status=Status.CONFIRMED, count=fault.count + 1)
             self._changes.append(fault)

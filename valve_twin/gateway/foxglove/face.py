@@ -14,6 +14,7 @@ from foxglove import Channel, Context, Schema
 from foxglove.websocket import ServerListener
 
 from valve_twin.core.aging.verdict import TrendStatus
+from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.valves.registry import get_model
 from valve_twin.gateway.foxglove.listener import Listener
 from valve_twin.gateway.foxglove.messages import (
@@ -255,7 +256,8 @@ def _conditions(view: View) -> Iterator[Condition]:
     for row in view.rows:
         trends = view.trends.get(row.valve, ())
         beyond = [t for t in trends if t.status is TrendStatus.BEYOND_THRESHOLD]
-        level = _ERROR if beyond else _WARN if row.needs_attention else _OK
+        failed = row.verdict.asks_for_help and row.ne107 == Ne107.FAILURE.value
+        level = _ERROR if beyond or failed else _WARN if row.needs_attention else _OK
         level = _STALE if view.is_stale(row.valve) else level
         drifts = {f"{t.parameter} drift [%]": f"{t.drift_reference:.2f}" for t in trends}
         values = {

@@ -11,6 +11,7 @@ import threading
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from valve_twin.core.faults.advice import DIAGNOSIS
 from valve_twin.io.history.fleet import FleetOrder, FleetRow, judged, ranked
 
 if TYPE_CHECKING:
@@ -135,9 +136,9 @@ class Told:
             return kept[2]
 
     def _laid(self, view: View, rules: Callable[[str], AgingConfig]) -> View:
-        faults = {f for found in self._faults.values() for f in found}
+        filed = {f for found in self._faults.values() for f in found}
         said = {v: s for v, s in self._said.items() if s.verdict is not None or s.last is not None}
-        spoken = {*said, *(f.valve for f in faults)} & set(self._models)
+        spoken = {*said, *(f.valve for f in filed)} & set(self._models)
         rows = {row.valve: row for row in view.rows}
         for valve in sorted(spoken - set(rows)):
             rows[valve] = FleetRow(valve, self._models[valve], evidence=UNSTORED)
@@ -151,6 +152,7 @@ class Told:
             verdicts[valve] = one.verdict
             if rows[valve].parameter != before:
                 courses.pop(valve, None)
+        faults = [_as_told(f, verdicts.get(f.valve), rows.get(f.valve)) for f in filed]
         return replace(
             view,
             rows=tuple(ranked(list(rows.values()), FleetOrder.URGENCY)),
@@ -175,6 +177,14 @@ class Told:
             row = judged(stored[0], said.verdict, trends, rules(valve))
             kept = self._judged[valve] = made_of, (row, trends)
         return kept[1]
+
+
+def _as_told(fault: NodeFault, verdict: Verdict | None, row: FleetRow | None) -> NodeFault:
+    """Return a fault with the state of the valve's verdict where that names the same one."""
+    same = verdict is not None and fault.code.startswith(DIAGNOSIS)
+    if not same or row is None or verdict.fault != fault.subject:
+        return fault
+    return replace(fault, told=row.ne107)
 
 
 def _worst_first(fault: NodeFault) -> tuple[object, ...]:

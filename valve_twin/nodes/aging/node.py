@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.aging.verdict import TrendStatus
 from valve_twin.core.diagnosis.changes.finding import describe_finding
-from valve_twin.core.diagnosis.table import PARTS
-from valve_twin.core.faults.advice import advise
+from valve_twin.core.faults.advice import DIAGNOSIS, advise
+from valve_twin.core.faults.kinds import diagnosed
+from valve_twin.core.faults.lifetime import Severity
 from valve_twin.io.config.node_parameters import AgingMonitorParameters
 from valve_twin.nodes.aging.keeping import Keeper
 from valve_twin.nodes.aging.monitored_valve import MonitoredValve
@@ -111,13 +112,20 @@ class AgingMonitorNode(ValveNode):
                 if trend.status is TrendStatus.BEYOND_THRESHOLD:
                     report.raise_to(ERROR, f"{trend.parameter}: {trend.reason}")
             if found.verdict.kind.asks_for_help:
-                report.raise_to(WARN, found.verdict.evidence)
+                level = ERROR if advice.severity is Severity.ERROR else WARN
+                report.raise_to(level, found.verdict.evidence)
         return report
 
     def _look_at_faults(self, valve: MonitoredValve) -> None:
-        """Report the fault that the verdict names under the part that has it."""
+        """Report the fault that the verdict names under the part that has it, and no other."""
         found = valve.assessment
         named = found.named if found is not None else None
-        for part in PARTS:
-            evidence = describe_finding(named) if named and named.part == part else ""
-            self.faults.look(f"diagnosis.{part}", evidence, valve=valve.name)
+        told = (f"{DIAGNOSIS}{named.part}", named.fault) if named is not None else ("", "")
+        for fault in self.faults.faults(valve.name):
+            filed = fault.kind.code, fault.subject
+            if fault.kind.code.startswith(DIAGNOSIS) and filed != told:
+                self.faults.passed(fault.kind.code, valve=valve.name, subject=fault.subject)
+        if found is not None and named is not None:
+            kind = diagnosed(named.part, advise(found.verdict, found.trends))
+            evidence = describe_finding(named)
+            self.faults.report(kind, evidence, valve=valve.name, subject=named.fault)

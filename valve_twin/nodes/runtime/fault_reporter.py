@@ -16,8 +16,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from valve_twin_msgs import msg, srv
 
 from valve_twin.core.faults.kinds import FAULT_KINDS
-from valve_twin.core.faults.lifetime import Fault, FaultBook, Moment, Severity, Status
-from valve_twin.core.faults.ne107 import NODE_FAULTS
+from valve_twin.core.faults.lifetime import (
+    Fault,
+    FaultBook,
+    FaultKind,
+    Moment,
+    Severity,
+    Status,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,18 +68,24 @@ class FaultReporter:
         node.create_service(srv.ClearFaults, "~/clear_faults", self._clear)
 
     def report(
-        self, code: str, evidence: str, *, valve: str = "", subject: str = "", events: int = 1
+        self,
+        code: str | FaultKind,
+        evidence: str,
+        *,
+        valve: str = "",
+        subject: str = "",
+        events: int = 1,
     ) -> None:
         """Report that a condition lasts, or that events have happened.
 
         Parameters
         ----------
-        code : str
-            Code of the fault, see core/faults/kinds.py.
+        code : str or FaultKind
+            Code of the fault, see core/faults/kinds.py; a kind says more of this fault.
         evidence : str
             One line with figures; it stands in log and diagnostics.
         valve, subject : str
-            Whose it is; the topic or signal that has it.
+            Whose it is; the topic or signal that has it, or which fault of the valve it is.
         events : int
             How many events [1].
         """
@@ -198,7 +210,7 @@ def key_values(faults: list[Fault]) -> dict[str, object]:
         fields = {
             "status": fault.status.value,
             "severity": fault.kind.severity.name,
-            "NE 107": NODE_FAULTS[fault.kind.code].value,
+            "NE 107": fault.kind.ne107.value,
             "count": fault.count,
             "events": fault.events,
             "first [s]": f"{1e-9 * fault.first_ns:.3f}",
@@ -206,6 +218,9 @@ def key_values(faults: list[Fault]) -> dict[str, object]:
             "evidence": fault.evidence,
             "remedy": fault.kind.remedy,
         }
+        if fault.kind.failure_mode:
+            fields["failure mode (ISO 14224)"] = fault.kind.failure_mode
+            fields["cause"] = fault.kind.cause
         found |= {f"fault.{fault.key}.{name}": value for name, value in fields.items()}
     return found
 

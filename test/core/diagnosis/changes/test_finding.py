@@ -2,6 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """Clocks apart hide no fault: it is told first, and they beside it."""
 
+import math
 from dataclasses import replace
 
 from valve_twin.core.diagnosis.changes.finding import (
@@ -9,6 +10,7 @@ from valve_twin.core.diagnosis.changes.finding import (
     Diagnosis,
     Finding,
     clocks_beside,
+    describe_finding,
     lately_over,
 )
 
@@ -59,3 +61,12 @@ def test_a_fault_that_is_over_is_told_for_a_while_where_none_lasts():
     assert lately_over(Diagnosis((older, gone), 22, ready=True), 22, since=15) == ""
     lasts = finding("stiction", "valve", 21)
     assert lately_over(Diagnosis((gone, lasts), 22, ready=True), 22) == ""
+
+
+def test_a_size_that_no_signature_tells_is_said_and_hides_neither_evidence_nor_rivals():
+    found = replace(finding("sticking", "valve", 14), severity=math.nan, rivals=("lost_motion",))
+    said = describe_finding(found)
+    assert "size unknown, since cycle 14 (9.0 standard deviations of one cycle)" in said
+    assert said.endswith("the data fit as well: lost motion (play), share of the travel")
+    jam = replace(finding("no_motion", "valve", 14), severity=math.nan)
+    assert "size" not in describe_finding(jam)  # of which there is no more and no less

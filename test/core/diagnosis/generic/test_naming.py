@@ -3,6 +3,8 @@
 """Faults named by what explains the motion of their cycles."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -106,14 +108,23 @@ def test_where_jumps_do_not_tell_the_better_explanation_does_and_both_are_named(
 
 
 def test_a_length_is_told_as_a_share_of_the_travel_whatever_a_cycle_uses_of_it():
+    model = get_model("first_order")
     spans = np.where(CYCLES % 2 == 0, 0.1, 0.2)
     found = replace(finding("sensor_offset"), severity=0.5 * (0.06 / 0.1 + 0.06 / 0.2))
-    (sized,) = in_travel([found], CYCLES, spans, OF_ANY_VALVE)
+    (sized,) = in_travel([found], CYCLES, spans, model)
     assert sized.severity == pytest.approx(0.06)
     unknown = np.full(len(CYCLES), np.nan)
-    assert in_travel([found], CYCLES, unknown, OF_ANY_VALVE) == (found,)
+    assert in_travel([found], CYCLES, unknown, model) == (found,)
     delay = finding("delay")
-    assert in_travel([delay], CYCLES, spans, OF_ANY_VALVE) == (delay,)
+    assert in_travel([delay], CYCLES, spans, model) == (delay,)
+
+
+@pytest.mark.parametrize("name", ["first_order", "press_cartridge"])
+def test_a_length_stays_where_no_position_is_a_share_of_a_travel_or_features_are_its_own(name):
+    given = get_model(name)
+    model: Any = SimpleNamespace(normalised=name != "first_order", feature_set=given.feature_set)
+    found = finding("sensor_offset")
+    assert in_travel([found], CYCLES, np.full(len(CYCLES), 0.1), model) == (found,)
 
 
 def test_the_name_by_signatures_stays_where_it_explains_a_third_or_nothing_does():

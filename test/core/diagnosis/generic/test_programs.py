@@ -4,12 +4,14 @@
 
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis.features import ESTIMATOR
-from valve_twin.core.diagnosis.generic.programs import PROGRAM, with_programs
+from valve_twin.core.diagnosis.generic.programs import PROGRAM, published, with_programs
 from valve_twin.core.diagnosis.history import diagnose, products_of
 from valve_twin.core.diagnosis.watch.memory import Known
 from valve_twin.core.estimation.cycle.memory import Memory
@@ -42,6 +44,15 @@ def rows(means, spreads=None):
 
 def told(means, spreads=None):
     return with_programs(np.zeros(len(means), np.int64), rows(means, spreads)).tolist()
+
+
+def test_levels_have_the_unit_of_their_command_which_is_no_share_of_a_valve_in_its_own_units():
+    assert {p.unit for p in published(MODEL)} == {"1"}
+    in_volts: Any = SimpleNamespace(inputs=("u",), normalised=False)
+    assert [(p.name, p.unit) for p in published(in_volts)] == [
+        ("program.u.mean", ""),
+        ("program.u.spread", ""),
+    ]
 
 
 def test_levels_that_come_in_turn_are_products_in_the_order_in_which_they_came():

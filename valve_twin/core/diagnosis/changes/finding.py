@@ -112,6 +112,13 @@ NOTHING = Diagnosis((), 0, ready=False)
 """What is known of a valve without features."""
 
 
+def size_of(finding: Finding) -> str:
+    """Return the size of a fault with its unit; it is said where no signature tells it."""
+    unit = BY_NAME[finding.fault].unit
+    known = math.isfinite(finding.severity)
+    return f"{finding.severity:.2g}{'' if unit == '1' else f' {unit}'}" if known else "unknown"
+
+
 def describe_finding(finding: Finding) -> str:
     """Return a fault in one line: which, how large, since when, what fits as well."""
     since = f"since cycle {finding.onset}"
@@ -125,12 +132,11 @@ def describe_finding(finding: Finding) -> str:
             f"{kind.text} {abs(finding.severity) * 1e6:.0f} ppm, seen {since} ({sure}): log both "
             "by one clock, or synchronise the two"
         )
-    if not math.isfinite(finding.severity):
+    if not kind.sized:
         return f"{kind.text}, {since}"
     if not math.isfinite(finding.deviation):
         sure = "no sound valve shows it"
-    unit = "" if kind.unit == "1" else f" {kind.unit}"
-    line = f"{kind.text}, size {finding.severity:.2g}{unit}, {since} ({sure})"
+    line = f"{kind.text}, size {size_of(finding)}, {since} ({sure})"
     if not finding.rivals:
         return line
     others = " or ".join(BY_NAME[name].text for name in finding.rivals)

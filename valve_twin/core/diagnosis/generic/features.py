@@ -177,6 +177,11 @@ class Record:
     missing: float = 0.0
     span: float = math.nan
 
+    @property
+    def known(self) -> BoolArray:
+        """Which samples are measured and expected, (N,)."""
+        return np.asarray(np.isfinite(self.position) & np.isfinite(self.response))
+
 
 def span_of(record: Record) -> float:
     """Return the span of a response where the position is known, 0 where too little is.
@@ -186,7 +191,7 @@ def span_of(record: Record) -> float:
     record : Record
         Measured and expected.
     """
-    known = np.isfinite(record.position) & np.isfinite(record.response)
+    known = record.known
     return float(np.ptp(record.response[known])) if known.sum() >= _LEAST_SAMPLES else 0.0
 
 
@@ -219,7 +224,7 @@ def cycle_features(record: Record) -> dict[str, float]:
     steered = record.commands[:, ~_switched(record.commands)]
     if steered.shape[1]:
         found["saturated"] = float(np.mean((np.abs(steered) >= _END).any(axis=1)))
-    known = np.isfinite(record.position) & np.isfinite(record.response)
+    known = record.known
     response, span = record.response[known], span_of(record)
     if not span > 0.0:
         return found

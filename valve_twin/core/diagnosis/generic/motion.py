@@ -112,7 +112,7 @@ def motion_of(record: Record, found: Iterable[ParameterValue]) -> Motion | None:
         Its features.
     """
     noise = next((p.value for p in found if p.name == NOISE and p.usable), np.nan)
-    known = np.isfinite(record.position) & np.isfinite(record.response)
+    known = record.known
     response, span = record.response[known], span_of(record)
     if not (span > 0.0 and np.isfinite(noise)):
         return None

@@ -107,31 +107,32 @@ def named_by_motion(
     config, cycles = detection_of(model.feature_set), shown.cycle[own]
     ways = explained_in(shown)[own], table, config, restarts, stands_in(shown)[own]
     named = renamed(findings, cycles, features, *ways)
-    if not model.normalised:
-        return named
-    return in_travel(named, cycles, shown.usable(SPAN)[own], config)
+    return in_travel(named, cycles, shown.usable(SPAN)[own], model)
 
 
 def in_travel(
-    findings: Sequence[Finding], cycles: IntArray, spans: FloatArray, config: DetectionConfig
+    findings: Sequence[Finding], cycles: IntArray, spans: FloatArray, model: ValveModel
 ) -> tuple[Finding, ...]:
     """Return faults with lengths as shares of the travel, where they are of what cycles made.
 
     Features are shares of the way that the model makes in a cycle: a zero that is off by 6 % of
-    the travel is 0.6 of cycles that use a tenth of it.
+    the travel is 0.6 of cycles that use a tenth of it. As given where no position is a share of a
+    travel, or features are the valve's own.
 
     Parameters
     ----------
     findings : sequence of Finding
-        Faults of a valve whose position is a share of its travel.
+        Faults of the valve.
     cycles : (N,) int array
         Cycle numbers, rising.
     spans : (N,) array
         Way that the model makes in each [share of the travel]; NaN where not known.
-    config : DetectionConfig
-        How many cycles name a fault.
+    model : ValveModel
+        The valve's model.
     """
-    sized = []
+    if not (model.normalised and model.feature_set.of_any_valve):
+        return tuple(findings)
+    config, sized = detection_of(model.feature_set), []
     for f in findings:
         until = f.end if f.end >= 0 else np.inf
         own = spans[(cycles >= f.onset) & (cycles < until)][: config.isolate + 1]
@@ -220,10 +221,10 @@ def _named(
         return finding
     if not more[best] > max(_LEAST, _BETTER * now):
         return _beside(finding, more) if now > _LEAST else finding
-    name, near = NAMED[best], more > _NEAR * more[best]
-    rivals = tuple(n for k, n in enumerate(NAMED) if near[k] and k != best)
+    name = NAMED[best]
     part, size = BY_NAME[name].part, _size(name, change, table)
-    return replace(finding, fault=name, rivals=rivals, part=part, severity=size)
+    told = replace(finding, fault=name, rivals=(), part=part, severity=size)
+    return _beside(told, more)
 
 
 def _jumps(before: FloatArray, with_it: FloatArray) -> float:

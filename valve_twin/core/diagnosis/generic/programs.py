@@ -47,9 +47,13 @@ _TURNS = 4
 
 
 def published(model: ValveModel) -> tuple[Parameter, ...]:
-    """Return the numbers that tell a program, two for each command of a model."""
+    """Return the numbers that tell a program, two for each command of a model.
+
+    They are in the unit of the command, which only a configuration knows where it is no share.
+    """
+    unit = "1" if model.normalised else ""
     return tuple(
-        Parameter(f"{PROGRAM}{name}.{what}", "1", f"how a cycle drives {name}: {text}")
+        Parameter(f"{PROGRAM}{name}.{what}", unit, f"how a cycle drives {name}: {text}")
         for name in model.inputs
         for what, text in (("mean", "its mean"), ("spread", "its standard deviation"))
     )

@@ -83,7 +83,8 @@ def published(model: ValveModel) -> tuple[Parameter, ...]:
     if not model.feature_set.of_any_valve:
         return model.parameters
     deviation = Parameter(DEVIATION, "1", "feature: rms off the model, share of the span", 0.0)
-    span = Parameter(SPAN, "1", "feature: what lengths are shares of, as the position", 0.0)
+    unit = "1" if model.normalised else ""  # else that of the signal, which no model knows
+    span = Parameter(SPAN, unit, "feature: what lengths are shares of, as the position", 0.0)
     kept = (replace(p, name=f"{_PREFIX}{p.name}", trend=False) for p in model.parameters)
     return (
         *model.parameters,

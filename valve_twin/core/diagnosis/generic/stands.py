@@ -61,7 +61,7 @@ def stands(record: Record) -> dict[str, float]:
     y, m, span = record.position, record.response, span_of(record)
     if not span > 0.0:
         return {}
-    known = np.isfinite(y) & np.isfinite(m)
+    known = record.known
     y, m = y[known] / span, m[known] / span
     between = int(np.clip(np.ceil(_STEP / np.abs(np.diff(m)).max()), _FEWEST, _MOST_BETWEEN))
     if len(m) <= 2 * between:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Diagnosis, Finding
-from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.generic.features import SPAN
 from valve_twin.core.diagnosis.generic.naming import in_travel
 from valve_twin.core.diagnosis.given.against import JUDGED, LEAST, Held, hold
@@ -174,7 +173,7 @@ def judged(
     if of_any and held.finding is None and own != before:  # else it was learnt before the mark
         held = _by_model(held, own, reference, cycles, valve)
     if held.finding is not None:
-        finding = _in_travel(held.finding, shown, model)
+        (finding,) = in_travel((held.finding,), shown.cycle, shown.usable(SPAN), model)
         new = not _is_known(finding, found)
         findings = (finding, *found.findings) if new else found.findings
         return replace(found, findings=findings, against=held.text)
@@ -185,14 +184,6 @@ def judged(
     if held.settled and enough and isinstance(found.doubt, NotYet):
         found = replace(found, doubt="")
     return replace(found, against=held.text)
-
-
-def _in_travel(finding: Finding, shown: Rows, model: ValveModel) -> Finding:
-    """Return a fault with its size as those by the own past: a length as a share of the travel."""
-    if not (model.feature_set.of_any_valve and model.normalised):
-        return finding
-    config = detection_of(model.feature_set)
-    return in_travel((finding,), shown.cycle, shown.usable(SPAN), config)[0]
 
 
 def _off(seen: Seen, reference: FeatureReference) -> tuple[FloatArray, IntArray]:
