@@ -177,6 +177,15 @@ def test_what_says_why_nothing_moves_is_told_alone(name):
     assert with_still([known], STUCK) == (known,)
 
 
+def test_commands_lost_in_no_cycle_that_moved_may_be_a_stuck_spool():
+    assert with_still([fault("command_loss", 23)], STUCK) == (STUCK,)
+    frozen = fault("sensor_freeze", 23)
+    assert with_still([frozen], STUCK) == (frozen,)
+    silent = replace(STUCK, fault="sensor_freeze")
+    lost = fault("command_loss", 23)
+    assert with_still([lost], silent) == (lost,)
+
+
 def test_a_fault_that_few_cycles_named_before_nothing_moved_is_that_nothing_moves():
     told = with_still([fault("sensor_gain", 21)], STUCK)
     assert told == (replace(STUCK, onset=21, alarm=22),)

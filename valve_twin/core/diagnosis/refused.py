@@ -132,7 +132,8 @@ def with_still(findings: Sequence[Finding], stuck: Finding | None) -> tuple[Find
     """Return faults and that nothing moves, one for one cause.
 
     A fault that lasts and says it is enough. One that was seen just before, of which few cycles
-    were left to name it, is that nothing moves; clocks that run apart are something else.
+    were left to name it, is that nothing moves, and so are lost commands where nothing moved from
+    their first cycle on; clocks that run apart are something else.
 
     Parameters
     ----------
@@ -148,7 +149,7 @@ def with_still(findings: Sequence[Finding], stuck: Finding | None) -> tuple[Find
         for f in findings
         if f.end < 0 and f.fault != CLOCK and abs(stuck.onset - f.onset) <= _ONE_CAUSE
     ]
-    if any(f.fault in _SAYS_IT for f in near) or any(
+    if any(_says_it(f, stuck) for f in near) or any(
         f.fault == stuck.fault and f.end < 0 for f in findings
     ):
         return tuple(findings)
@@ -156,6 +157,15 @@ def with_still(findings: Sequence[Finding], stuck: Finding | None) -> tuple[Find
     alarm = min((stuck.alarm, *(f.alarm for f in near)))
     others = (f for f in findings if f not in near)
     return (*others, replace(stuck, onset=min(first, stuck.onset), alarm=alarm))
+
+
+def _says_it(fault: Finding, stuck: Finding) -> bool:
+    """Return whether a fault says why nothing moves.
+
+    Lost commands do not where nothing moved from their first cycle on: the spool may be stuck.
+    """
+    since = fault.onset >= stuck.onset and stuck.fault == "no_motion"
+    return fault.fault in _SAYS_IT and not (since and fault.fault == "command_loss")
 
 
 def _is_noiseless(features: Rows, cycle: int) -> bool:

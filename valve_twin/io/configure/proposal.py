@@ -15,7 +15,7 @@ from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr.signals import SERIES_TYPE
 from valve_twin.io.config.csv import BASE_STAMP
 from valve_twin.io.configure.channels import MOST_FILES, unit_of
-from valve_twin.io.offline.propose import EXPLAINED, HELD_BACK, number_text
+from valve_twin.io.offline.propose import EXPLAINED, HELD_BACK, in_short, number_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -381,7 +381,7 @@ def _trial_lines(choice: Choice) -> list[str]:
     for trial in choice.trials:
         tried.setdefault(trial.model, (trial.fit, trial.reason))
     told = ", ".join(
-        f"{name} {_percent(fit)}" + (f" ({why[:60]})" if why else "")
+        f"{name} {_percent(fit)}" + (f" ({in_short(why)})" if why else "")
         for name, (fit, why) in tried.items()
     )
     on = "each later cycle" if halves and halves.begins else "the half that was not fitted"

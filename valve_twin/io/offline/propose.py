@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from textwrap import shorten
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,6 +56,11 @@ _NUMBERS = frozenset(
     ["float32", "float64", "float", "double"]
     + [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
 )
+
+
+def in_short(reason: str) -> str:
+    """Return a reason that fits into a line of several, cut between words."""
+    return shorten(reason, 60, placeholder=" ...")
 
 
 def propose_yaml(
@@ -118,7 +124,7 @@ def _compared(
         return [], ["too few cycles to hold any model against; give a longer bag"]
     tried: dict[str, str] = {}
     for t in found.trials:
-        fit = f"{t.fit:.1f} %" if np.isfinite(t.fit) else f"none ({t.reason[:60]})"
+        fit = f"{t.fit:.1f} %" if np.isfinite(t.fit) else f"none ({in_short(t.reason)})"
         tried.setdefault(t.model, f"{t.model} {fit}")
     beside = {"ARX": found.pair.arx, "a line through the command": found.pair.line}
     if found.baseline is not None:

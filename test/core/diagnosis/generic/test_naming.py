@@ -107,6 +107,29 @@ def test_where_jumps_do_not_tell_the_better_explanation_does_and_both_are_named(
     assert named(finding("sticking"), quiet, stood=stood(*ways)) == finding("sticking")
 
 
+def test_a_motion_that_explains_nothing_more_names_no_fault_while_another_explains_a_little():
+    rows = shown(sticking=0.15, lost_motion=0.14)
+    rows[:, NAMED.index("end_stop_upper")] = 0.0
+    found = named(finding("end_stop_upper"), rows, stood=stood(0.5, 0.4))
+    assert (found.fault, found.part) == ("sticking", "valve")
+    assert named(finding("end_stop_upper"), shown(sticking=0.03)).fault == "end_stop_upper"
+    assert named(finding(UNKNOWN), rows) == finding(UNKNOWN)  # which claims no motion
+
+
+def test_commands_that_no_cycle_shows_lost_are_an_offset_where_the_levels_are_one():
+    rows = shown()
+    rows[:, NAMED.index("command_loss")] = 0.0
+    levels = vectors("sensor_offset", 1.0)
+    levels[CYCLES >= ONSET, table().features.index("unfollowed")] = 0.1
+    lost = finding("command_loss")
+    found = named(lost, rows, features=levels)
+    assert (found.fault, found.part) == ("sensor_offset", "sensor")
+    assert abs(found.severity) > 0.0
+    assert named(lost, rows, features=vectors("command_loss", 1.0)) == lost
+    rows[CYCLES > ONSET, NAMED.index("command_loss")] = 0.1  # which some cycles show
+    assert named(lost, rows, features=levels) == lost
+
+
 def test_a_length_is_told_as_a_share_of_the_travel_whatever_a_cycle_uses_of_it():
     model = get_model("first_order")
     spans = np.where(CYCLES % 2 == 0, 0.1, 0.2)
@@ -131,7 +154,8 @@ def test_the_name_by_signatures_stays_where_it_explains_a_third_or_nothing_does(
     found = finding("lost_motion")
     beside = named(found, shown(delay=1.0, lost_motion=0.5, slow=0.4, slow_up=0.3))
     assert beside == replace(found, rivals=("delay", "slow"))
-    assert named(found, shown(delay=0.1)) == found
+    assert named(found, shown(delay=0.03)) == found
+    assert named(found, shown(delay=0.1, lost_motion=0.05)) == found
     assert named(found, shown(scatter=0.5, delay=0.5)) == found
 
 

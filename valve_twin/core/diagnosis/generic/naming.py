@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.config import detection_of
+from valve_twin.core.diagnosis.features import UNFOLLOWED
 from valve_twin.core.diagnosis.generic.explained import EXPLAINED, NAMED
 from valve_twin.core.diagnosis.generic.features import SPAN
 from valve_twin.core.diagnosis.generic.stands import LOST, REGAINED
@@ -42,6 +43,10 @@ _ERRORS = 2.0
 _LEAST = 0.2
 """Least by which it must explain more, as a logarithm: a fifth of what is left, assumed [1]."""
 
+_LITTLE = 0.05
+"""The same where the named fault explains no more than before: its motion is not there, and where
+a model misses much any other explains little of it, assumed [1]."""
+
 _BETTER = 3.0
 """By how much more it must explain than the fault that the signatures name, assumed [1]."""
 
@@ -56,6 +61,7 @@ _FROZEN = 0.5
 """Share of its size by which the repeated values of a freezing sensor rise at least [1]."""
 
 _REPEATS = "repeats"
+_LOST, _OFFSET = "command_loss", "sensor_offset"
 _PLAY, _STICKS = "lost_motion", "sticking"
 
 _JUMPS = 0.3
@@ -211,20 +217,39 @@ def _named(
 ) -> Finding:
     """Return a fault by what explains (K,) more since it began; `change` (F,) of the features.
 
-    A sensor that repeats no more values than before is not frozen, and an offset that comes with
-    a change of shape is what makes that.
+    A sensor that repeats no more values than before is not frozen, an offset that comes with a
+    change of shape is what makes that, and a motion that explains nothing more names no fault
+    while another does.
     """
     best = int(np.argmax(more))
-    now = more[NAMED.index(finding.fault)] if finding.fault in NAMED else 0.0
+    shown = finding.fault in NAMED
+    now = more[NAMED.index(finding.fault)] if shown else 0.0
+    least = _LITTLE if shown and now <= 0.0 else _LEAST
     shaped = finding.fault == "sensor_offset" and more[best] > _SHAPED
     if finding.fault in _KEPT and frozen and not shaped:  # level and noise have no shape
         return finding
-    if not more[best] > max(_LEAST, _BETTER * now):
+    if not more[best] > max(least, _BETTER * now):
+        if finding.fault == _LOST and -np.inf < now <= 0.0:
+            return _by_level(finding, change, table)
         return _beside(finding, more) if now > _LEAST else finding
     name = NAMED[best]
     part, size = BY_NAME[name].part, _size(name, change, table)
     told = replace(finding, fault=name, rivals=(), part=part, severity=size)
     return _beside(told, more)
+
+
+def _by_level(finding: Finding, change: FloatArray, table: SignatureTable) -> Finding:
+    """Return a loss of commands that no cycle shows as an offset, where the levels (F,) are one.
+
+    A move counts as not followed as well where the level jumps by half of it.
+    """
+    if _OFFSET not in table.faults:
+        return finding
+    levels = np.where([n == UNFOLLOWED for n in table.features], np.nan, change)
+    left, size = _nearest(_OFFSET, levels, table)
+    if not left < _nearest(_LOST, levels, table)[0]:
+        return finding
+    return replace(finding, fault=_OFFSET, rivals=(), part=BY_NAME[_OFFSET].part, severity=size)
 
 
 def _jumps(before: FloatArray, with_it: FloatArray) -> float:
@@ -302,7 +327,13 @@ def _mean(rows: FloatArray) -> FloatArray:
 
 
 def _size(name: str, change: FloatArray, table: SignatureTable) -> float:
-    """Return the size of a fault whose signatures are nearest to a change of features (F,)."""
+    """Return the size of a fault by a change of features (F,); NaN = its signatures tell none."""
+    size = _nearest(name, change, table)[1]
+    return size if size else float("nan")
+
+
+def _nearest(name: str, change: FloatArray, table: SignatureTable) -> tuple[float, float]:
+    """Return what the signatures of a fault leave of a change (F,) at the size nearest to it."""
     spread = table.least()
     known = np.isfinite(change) & (spread > 0.0)
     off = change[known] / spread[known]
@@ -313,5 +344,4 @@ def _size(name: str, change: FloatArray, table: SignatureTable) -> float:
             size = float(np.clip((ray @ off) / max(float(ray @ ray), 1e-300), *table.range(k)))
             left = float(np.sum((off - size * ray) ** 2))
             found.append((left, signature.severity * size))
-    size = min(found)[1]
-    return size if size else float("nan")
+    return min(found)
