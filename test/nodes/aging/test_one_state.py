@@ -70,7 +70,7 @@ def states(found: Assessment, page: Any) -> dict[str, str]:
     view, book = shown(found)
     row = view.row(VALVE)
     assert row is not None
-    said: dict[str, str] = {"fleet, OPC UA": row.ne107, "JSON": plain_valve(view, row)["ne107"]}
+    said = {"fleet, OPC UA": row.ne107, "JSON": str(plain_valve(view, row)["ne107"])}
     *_, line = json_lines([], found, VALVE)
     said["JSON lines"] = json.loads(line)["ne107"]
     told = re.search(
@@ -95,7 +95,8 @@ def states(found: Assessment, page: Any) -> dict[str, str]:
     said["/diagnostics"] = str(values["NE 107"])
     said["fault of the node"] = fault.ne107.value
     said["page"] = str(fault_lines([fault]).shown[0]["state"])
-    (plain,) = plain_words(view, row)["faults"]  # type: ignore[misc]
+    faults: Any = plain_words(view, row)["faults"]
+    (plain,) = faults
     said["faults by MQTT"] = plain["ne107"]
     by_topic = {m.topic: m for m in JsonSpeaker("valve_twin").born(view)}
     (filed,) = json.loads(by_topic["valve_twin/faults"].payload)

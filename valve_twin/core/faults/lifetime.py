@@ -190,12 +190,12 @@ class FaultBook:
         ValueError
             If the code is unknown.
         """
-        told = code if isinstance(code, FaultKind) else None
-        code = code if told is None else told.code
-        if code not in self._kinds:
-            msg = f"fault code '{code}' is unknown; add it to core/faults/kinds.py"
+        name = code.code if isinstance(code, FaultKind) else code
+        if name not in self._kinds:
+            msg = f"fault code '{name}' is unknown; add it to core/faults/kinds.py"
             raise ValueError(msg)
-        kind, key = told or self._kinds[code], (unit, code, subject)
+        kind = code if isinstance(code, FaultKind) else self._kinds[name]
+        key = unit, name, subject
         run = self._runs.get(key)
         run = (
             _Run(now.steady_s, now.steady_s, events)

@@ -181,10 +181,9 @@ class Told:
 
 def _as_told(fault: NodeFault, verdict: Verdict | None, row: FleetRow | None) -> NodeFault:
     """Return a fault with the state of the valve's verdict where that names the same one."""
-    same = verdict is not None and fault.code.startswith(DIAGNOSIS)
-    if not same or row is None or verdict.fault != fault.subject:
+    if verdict is None or row is None or not fault.code.startswith(DIAGNOSIS):
         return fault
-    return replace(fault, told=row.ne107)
+    return replace(fault, told=row.ne107) if verdict.fault == fault.subject else fault
 
 
 def _worst_first(fault: NodeFault) -> tuple[object, ...]:

@@ -8,14 +8,18 @@ import json
 import math
 from typing import TYPE_CHECKING
 
-from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.types import CycleRule
-from valve_twin.core.valves.interface import estimator_choices
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr.signals import SERIES_TYPE
 from valve_twin.io.config.csv import BASE_STAMP
 from valve_twin.io.configure.channels import MOST_FILES, unit_of
-from valve_twin.io.offline.propose import EXPLAINED, HELD_BACK, in_short, number_text
+from valve_twin.io.offline.propose import (
+    EXPLAINED,
+    HELD_BACK,
+    estimator_lines,
+    in_short,
+    number_text,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -251,15 +255,6 @@ def limit_line(limits: Sequence[Limit]) -> str:
     return f"service limits, outside the scatter: {told or 'none set'}{why}{more}"
 
 
-def _estimators(name: str) -> list[str]:
-    """Return the line of a model's estimators with the one that tells faults, where it has it."""
-    model = get_model(name)
-    if FEATURES not in estimator_choices(model):
-        return []
-    names = ", ".join([*model.options.estimators, FEATURES])
-    return [f"      estimators: [{names}]   # the last one tells faults, see docs/diagnosis.md"]
-
-
 def _options(choice: Choice) -> list[str]:
     given: dict[str, object] = {}
     if choice.repeat is not None:
@@ -270,7 +265,7 @@ def _options(choice: Choice) -> list[str]:
         k: str(v).lower() if isinstance(v, bool) else number_text(float(str(v)))
         for k, v in given.items()
     }
-    lines = [] if choice.repeat is not None else _estimators(_model(choice)[0])
+    lines = [] if choice.repeat is not None else estimator_lines(_model(choice)[0])
     lines += [f"      {k}: {v}" for k, v in texts.items()]
     return ["    options:", *lines] if lines else []
 

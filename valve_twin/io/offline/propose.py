@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import describe, suggest
 from valve_twin.core.survey.pairs import Signal
 from valve_twin.core.survey.record import Proposal, Role, propose
 from valve_twin.core.survey.sides import compare_sides, difference_of
 from valve_twin.core.survey.trial import Mapping01
 from valve_twin.core.types import CycleRule
+from valve_twin.core.valves.interface import estimator_choices
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.bags.read import bag_info, bag_types, read_signals
 from valve_twin.io.cdr.signals import SignalSource
@@ -290,18 +292,26 @@ def _signal_lines(role: Role, source: SignalSource, received: bool) -> list[str]
 
 
 def _option_lines(proposal: Proposal) -> list[str]:
-    """Let the delay scan of the model reach well beyond the lag that was found."""
+    """Have faults told, and let the delay scan reach well beyond the lag that was found."""
+    lines = estimator_lines(proposal.model)
     options = get_model(proposal.model).options
     upper = {d.name: d.upper for d in describe(options)}
     if "max_delay_s" in upper:
         longest = min(proposal.max_delay_s, upper["max_delay_s"])
-        reach = f"max_delay_s: {number_text(longest)}   # longest delay tried [s]"
+        lines.append(f"      max_delay_s: {number_text(longest)}   # longest delay tried [s]")
     elif "max_lag" in upper and proposal.lag >= options.max_lag:  # the end of the default scan
         most = min(proposal.lag + 2, upper["max_lag"])
-        reach = f"max_lag: {most:.0f}   # longest lag tried [samples]"
-    else:
+        lines.append(f"      max_lag: {most:.0f}   # longest lag tried [samples]")
+    return ["    options:", *lines] if lines else []
+
+
+def estimator_lines(name: str) -> list[str]:
+    """Return the line of a model's estimators with the one that tells faults, where it has it."""
+    model = get_model(name)
+    if FEATURES not in estimator_choices(model):
         return []
-    return ["    options:", f"      {reach}"]
+    names = ", ".join([*model.options.estimators, FEATURES])
+    return [f"      estimators: [{names}]   # the last one tells faults, see docs/diagnosis.md"]
 
 
 def number_text(value: float) -> str:
