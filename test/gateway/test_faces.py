@@ -26,7 +26,10 @@ from asyncua import Client, ua
 from test.gateway.mqtt.brokers import GROUP, NODE, Listener, Mosquitto
 from test.gateway.test_web import Server, store
 from test.io.history.test_fleet import estimate, record
+from test.small_disk import small_disk
+from valve_twin.gateway import faces as faces_module
 from valve_twin.gateway.faces import faces
+from valve_twin.gateway.mqtt.backlog import Backlog
 from valve_twin.gateway.opcua.server import OpcUaFace
 from valve_twin.gateway.plant import Plant
 from valve_twin.io.config.gateway_parameters import FaceParameters
@@ -88,6 +91,78 @@ def test_no_face_waits_for_the_first_reading_and_each_shows_the_valves_after_it(
             until(lambda: "/b/twin/estimate" in foxglove._channels, "Foxglove")
     finally:
         logging.getLogger("asyncua").setLevel(level)
+
+
+def test_faces_whose_disk_is_read_only_are_said_once_and_opened_later_while_the_others_go_on(
+    tmp_path, monkeypatch
+):
+    """`serve` ended with 1, the node kept its pages back; each now waits in the same way."""
+    monkeypatch.setattr(faces_module, "RETRY_S", 0.01)
+    path = tmp_path / "history.sqlite"
+    store(path, "/a", range(1, 4), 0.0)
+    told: list[str] = []
+    with small_disk(tmp_path / "disk", "1m") as disk:
+        disk.mount("remount,ro")
+        given = FaceParameters(
+            opcua="opc.tcp://127.0.0.1:0",
+            opcua_pki=str(disk.place / "pki"),
+            opcua_anonymous=True,
+            mqtt="mqtt://127.0.0.1:1",
+            mqtt_state=str(disk.place / "marks" / "state"),
+            foxglove=0,
+        )
+        with faces(Plant(f"sqlite:///{path}"), given, told.append) as foxglove:
+            assert foxglove is not None
+            assert [t.partition(": ")[0] for t in told[:2]] == [
+                str(disk.place / "pki"),
+                str(disk.place / "marks" / "state"),
+            ]
+            assert all("Read-only file system: make the disk writable again; it is" in t
+                       for t in told[:2])  # fmt: skip
+            assert told[2].startswith("Foxglove at")
+            disk.mount("remount,rw")
+            until(lambda: len(told) == 5, "the two others")
+            until((disk.place / "marks" / "state").exists, "the marks")
+        assert {t.split(" ")[0] for t in told[3:]} == {"OPC", "MQTT"}
+        again = Backlog(disk.place / "marks" / "state", lambda *_: [], read_of(disk.place))
+        again.close()  # nobody holds it any more
+
+
+def read_of(folder: Path) -> str:
+    """Return whose marks lie in a folder."""
+    found: str = json.loads((folder / "marks" / "state").read_text())["of"]
+    return found
+
+
+def test_a_face_that_waits_for_its_disk_ends_with_the_others(tmp_path):
+    path = tmp_path / "history.sqlite"
+    store(path, "/a", range(1, 4), 0.0)
+    told: list[str] = []
+    with small_disk(tmp_path / "disk", "1m") as disk:
+        disk.mount("remount,ro")
+        state = str(disk.place / "state")
+        given = FaceParameters(mqtt="mqtt://127.0.0.1:1", mqtt_state=state)
+        begun_s = time.monotonic()
+        with faces(Plant(f"sqlite:///{path}"), given, told.append):
+            assert len(told) == 1
+        assert time.monotonic() - begun_s < faces_module.RETRY_S
+
+
+def test_serve_shows_its_pages_while_the_disk_of_its_marks_is_read_only(tmp_path):
+    path = tmp_path / "history.sqlite"
+    store(path, "/a", range(1, 4), 0.0)
+    with small_disk(tmp_path / "disk", "1m") as disk:
+        disk.mount("remount,ro")
+        state = disk.place / "state"
+        server = Server(path, "--mqtt", "mqtt://127.0.0.1:1", "--mqtt-state", str(state))
+        try:
+            assert json.loads(server.get("/api/valves")[1])["valves"][0]["cycle"] == 3
+            assert f"{state}: cannot be written: Read-only file system" in server.begun
+            disk.mount("remount,rw")
+            until(state.exists, "the marks")
+        finally:
+            assert server.end() == 0
+    assert server.begun.count("cannot be written") == 1
 
 
 def store_later(path: Path, cycles: range) -> None:

@@ -19,9 +19,11 @@ from starlette.requests import Request
 from test.gateway.test_web import store
 from test.io.history.test_fleet import estimate, record
 from valve_twin.core.aging.verdict import Verdict, VerdictKind
+from valve_twin.gateway import first_reading
 from valve_twin.gateway import plant as module
+from valve_twin.gateway.first_reading import WAITING
 from valve_twin.gateway.live.told import Told
-from valve_twin.gateway.plant import WAITING, Plant
+from valve_twin.gateway.plant import Plant
 from valve_twin.gateway.view import LastCycle
 from valve_twin.gateway.web import Site, _Pages
 from valve_twin.io.errors import StoreError
@@ -46,7 +48,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch):
-    for name in PAUSES:
+    for name in (*PAUSES, "BRIEF_S"):
         monkeypatch.setattr(module, name, 0.0)
     monkeypatch.setattr(module, "WAIT_S", 60.0)
 
@@ -140,6 +142,36 @@ def test_a_history_that_goes_and_comes_back_is_told_once_each(path, monkeypatch,
         "is shown meanwhile",
         f"{path}: is read again",
     ]
+
+
+def test_a_single_failed_reading_is_passed_over_and_the_next_one_in_a_row_is_told(
+    path, monkeypatch, caplog
+):
+    """Of one reading that failed every device of Sparkplug died, for a second."""
+    monkeypatch.setattr(module, "BRIEF_S", 60.0)
+    plant = Plant(str(path))
+    aside = path.with_name("aside")
+    for _ in range(2):
+        before = plant.view()
+        path.rename(aside)
+        assert plant.view() is before
+        aside.rename(path)
+        assert not plant.view().failure
+    assert not caplog.records
+    path.rename(aside)
+    assert not plant.view().failure
+    assert "no such file" in plant.view().failure
+    assert "no such file" in plant.view().failure
+    assert len(caplog.records) == 1
+
+
+def test_a_failed_reading_behind_an_old_one_is_told_at_once(path, monkeypatch):
+    monkeypatch.setattr(module, "BRIEF_S", 60.0)
+    plant = Plant(str(path))
+    plant.view()
+    plant._read_s -= 61.0  # nobody has looked since
+    path.rename(path.with_name("aside"))
+    assert "no such file" in plant.view().failure
 
 
 def test_a_log_that_is_deleted_is_let_go_for_the_twin_to_make_another(path, caplog):
@@ -363,7 +395,7 @@ def test_a_first_reading_ranks_for_who_looks_and_not_for_every_valve(path, monke
         return rank(rows, order)
 
     monkeypatch.setattr(Plant, "_state", slow)
-    monkeypatch.setattr(module, "ranked", told)
+    monkeypatch.setattr(first_reading, "ranked", told)
     monkeypatch.setattr(module, "REFRESH_S", 60.0)
     for valve in ("/c", "/d"):
         store(path, valve, range(1, 2), 0.0)

@@ -38,8 +38,14 @@ def store(path: Path, valve: str, cycles: range, rate: float) -> None:
 class Server:
     """`valve-twin serve` as a user starts it."""
 
-    def __init__(self, path: Path, *more: str, scheme: str = "http") -> None:
-        command = [sys.executable, "-m", "valve_twin.cli", "serve", "--port", "0"]
+    def __init__(
+        self,
+        path: Path,
+        *more: str,
+        scheme: str = "http",
+        program: tuple[str, ...] = ("-m", "valve_twin.cli", "serve", "--port", "0"),
+    ) -> None:
+        command = [sys.executable, *program]
         self.process = subprocess.Popen(
             [*command, "--url", f"sqlite:///{path}", *more], stderr=subprocess.PIPE, text=True
         )
@@ -321,6 +327,39 @@ def test_wrong_arguments_get_one_line(tmp_path, capsys, server, path):
     said = capsys.readouterr().err
     assert f"cannot listen at 127.0.0.1:{taken}" in said
     assert said.count("\n") == 1
+
+
+SLOW = """
+import sys, time
+from pathlib import Path
+from valve_twin.cli import main
+from valve_twin.gateway import plant
+
+def slow(*given, does=plant.describe_valve):
+    while not Path(sys.argv[1]).exists():
+        time.sleep(0.05)
+    return does(*given)
+
+plant.describe_valve, plant.LATE_S = slow, 0.2
+sys.exit(main(["serve", "--port", "0", *sys.argv[2:]]))
+"""
+
+
+def test_a_first_reading_that_takes_long_is_served_while_it_goes_on(tmp_path):
+    """The first start on a busy machine, which compiles kernels, ended with 'does not answer'."""
+    path, go_on = tmp_path / "history.sqlite", tmp_path / "go_on"
+    store(path, "/slow", range(1, 4), 0.0)
+    server = Server(path, program=("-c", SLOW, str(go_on)))
+    try:
+        assert f"{path}: valves still to be assessed at http" in server.begun
+        assert "/slow" in server.get("/")[1]
+        go_on.touch()
+        end = time.monotonic() + 60.0
+        while not json.loads(server.get("/api/valves")[1])["whole"]:
+            assert time.monotonic() < end
+            time.sleep(0.1)  # polls
+    finally:
+        assert server.end() == 0
 
 
 def test_a_damaged_name_spoils_no_other_valve(tmp_path):

@@ -9,7 +9,7 @@ import os
 
 import pytest
 
-from valve_twin.io.errors import StoreError
+from valve_twin.io.errors import StoreError, may_pass
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.store import History
 
@@ -27,3 +27,9 @@ def test_who_may_not_read_a_history_is_not_sent_to_write_it(number, monkeypatch,
         History(path, read_only=True)
     said = f"{path}: cannot be opened: {os.strerror(number)}: give this user the right to it"
     assert str(caught.value) == said
+
+
+def test_a_port_that_nobody_but_root_may_take_is_no_disk_that_comes_back():
+    why = os.strerror(errno.EACCES)
+    assert may_pass(PermissionError(errno.EACCES, why, "/var/lib/history.sqlite"))
+    assert not may_pass(PermissionError(errno.EACCES, why))

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin.io.errors import ConfigError
+from valve_twin.io.errors import ConfigError, ValveTwinError, may_pass
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -20,6 +21,10 @@ if TYPE_CHECKING:
     from valve_twin.gateway.plant import Plant
     from valve_twin.io.config.gateway_parameters import FaceParameters
 
+RETRY_S, LAST_RETRY_S = 5.0, 60.0
+"""Pause before a face that a full, read-only or missing disk held up is tried again; doubled until
+the last one [s]."""
+
 
 @contextmanager
 def faces(
@@ -27,7 +32,8 @@ def faces(
 ) -> Iterator[FoxgloveFace | None]:
     """Open what is asked for, and close it at the end; yield the one that takes live topics.
 
-    None waits for a first reading of the history: each shows its valves once that is done.
+    None waits for a first reading of the history: each shows its valves once that is done. One
+    whose folder cannot be written says so and is opened once it can be; nothing waits for it.
 
     Parameters
     ----------
@@ -68,9 +74,13 @@ def _open_opcua(
     passwords = Passwords(read_users(users, "--opcua-add-user"), tell) if users else None
     folder = Path(given.opcua_pki).expanduser()
     access = Access(folder, passwords, given.opcua_anonymous)
-    face = OpcUaFace(plant.news, given.opcua, access)
-    stack.callback(face.stop)
-    tell(f"OPC UA at {face.start()}, certificates in {folder}")
+
+    def opened(within: ExitStack) -> str:
+        face = OpcUaFace(plant.news, given.opcua, access)
+        within.callback(face.stop)
+        return f"OPC UA at {face.start()}, certificates in {folder}"
+
+    _Opening(stack, opened, tell)
 
 
 def _open_mqtt(
@@ -87,16 +97,81 @@ def _open_mqtt(
     files = given.mqtt_ca, given.mqtt_cert, given.mqtt_key
     broker = Broker(given.mqtt, given.mqtt_user, password, *files)
     group = checked_id("--mqtt-group", given.mqtt_group)
-    speaker: Speaker = JsonSpeaker(group)
-    if given.mqtt_format != "json":
-        node = checked_id("--mqtt-node", given.edge_node)
-        of = f"{broker.address} {group}/{node}, {plant.where}"
-        backlog = Backlog(Path(given.mqtt_state).expanduser(), plant.estimates, of)
-        stack.callback(backlog.close)
-        speaker = SparkplugSpeaker(group, node, backlog)
-    face = MqttFace(plant.news, broker, speaker)
-    tell(f"MQTT to {face.start()}")
-    stack.callback(face.stop)
+    plain = given.mqtt_format == "json"
+    node = "" if plain else checked_id("--mqtt-node", given.edge_node)
+    broker.check()
+
+    def opened(within: ExitStack) -> str:
+        speaker: Speaker = JsonSpeaker(group)
+        if not plain:
+            of = f"{broker.address} {group}/{node}, {plant.where}"
+            backlog = Backlog(Path(given.mqtt_state).expanduser(), plant.estimates, of)
+            within.callback(backlog.close)
+            speaker = SparkplugSpeaker(group, node, backlog)
+        face = MqttFace(plant.news, broker, speaker)
+        within.callback(face.stop)
+        return f"MQTT to {face.start()}"
+
+    _Opening(stack, opened, tell)
+
+
+class _Opening:
+    """Opens a face; one that a disk holds up is said once and tried again, on a thread of its own.
+
+    Parameters
+    ----------
+    stack : ExitStack
+        Ends it.
+    opened : callable
+        Opens the face, closes it with the stack that it gets, and returns what is told of it.
+    tell : callable
+        Gets a line.
+
+    Raises
+    ------
+    ValveTwinError
+        If it cannot be opened and no disk is the cause.
+    """
+
+    def __init__(
+        self, stack: ExitStack, opened: Callable[[ExitStack], str], tell: Callable[[str], None]
+    ) -> None:
+        self._opened, self._tell, self._told = opened, tell, ""
+        self._within, self._end = ExitStack(), threading.Event()
+        stack.callback(self._within.close)
+        if self._is_open():
+            return
+        thread = threading.Thread(target=self._wait, name="disk", daemon=True)
+        stack.callback(thread.join)
+        stack.callback(self._end.set)
+        thread.start()
+
+    def _is_open(self) -> bool:
+        try:
+            with ExitStack() as made:
+                told = self._opened(made)
+                self._within.push(made.pop_all())
+        except ValveTwinError as err:
+            if not may_pass(err):
+                raise
+            told = f"{err}; it is tried again, the other faces go on"
+            if told != self._told:
+                self._tell(told)
+            self._told = told
+            return False
+        self._tell(told)
+        return True
+
+    def _wait(self) -> None:
+        pause_s = RETRY_S
+        while not self._end.wait(pause_s):
+            try:
+                if self._is_open():
+                    return
+            except ValveTwinError as err:  # it is there, and says something else
+                self._tell(f"{err}; start anew")
+                return
+            pause_s = min(2.0 * pause_s, LAST_RETRY_S)
 
 
 def _open_foxglove(

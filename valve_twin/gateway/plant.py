@@ -12,11 +12,12 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from valve_twin.core.aging.config import AgingConfig
+from valve_twin.gateway.first_reading import FirstReading, shown, shown_name
 from valve_twin.gateway.page.details import Details, DetailsOf, make_details
 from valve_twin.gateway.view import View
 from valve_twin.io.errors import StoreError, ValveTwinError
 from valve_twin.io.history.database import place_of
-from valve_twin.io.history.fleet import FleetOrder, FleetRow, ValveState, describe_valve, ranked
+from valve_twin.io.history.fleet import FleetRow, ValveState, describe_valve
 from valve_twin.io.history.store import DamagedValueError, History
 from valve_twin.io.history.valves.names import DAMAGED_NAME
 
@@ -38,14 +39,16 @@ REFRESH_S = 2.0
 
 REST = 4.0
 """Between two readings lies so many times the processor time of the last one [1]: reading takes a
-fifth of a core at most, also where a large file cannot be opened and is checked again and again.
-What it waited, for a lock or for a core, does not count."""
+fifth of a core at most, also where a large file is checked again and again; waiting is none."""
 
 RETRY_S = 1.0
 """A history that could not be read is tried again after so long, if that was cheap [s]."""
 
 WAIT_S = 0.5
 """Who looks while the history is read waits at most so long, then sees what there was [s]."""
+
+BRIEF_S = 5.0
+"""One reading that fails behind a younger one is passed over, the next in a row is told [s]."""
 
 MOST_TRIES = 3
 """A history that could not be read so often in a row is let go and opened anew [1]: who mends a
@@ -55,62 +58,14 @@ LATE_S = 30.0
 """A reading that gets on with no valve for longer, as with a database that does not answer any
 more, is told [s]."""
 
-WAITING = "is being assessed for the first time since the start"
-"""Evidence of a valve whose turn has not come yet."""
-
 DAMAGED = "its name is damaged in the history: put the last backup in its place"
 """Evidence of a valve that is known by its row alone."""
 
 COURSE = 60
 """Estimates of the small course beside a valve's name [1]."""
 
-
 _NOTHING = View(whole=False)
 """Before the first reading."""
-
-
-class _FirstReading:
-    """What a first reading has so far; ranked for who looks, once for all since the last valve."""
-
-    def __init__(
-        self,
-        where: str,
-        marks: Mapping[str, Mark],
-        states: Mapping[str, tuple[Mark, ValveState]],
-        nameplates: Mapping[str, Mapping[str, str]],
-    ) -> None:
-        self._where, self._marks, self.states = where, marks, states
-        self._nameplates = nameplates
-        self._ranking = threading.Lock()
-        self._ranked: tuple[int, View] = -1, _NOTHING
-
-    def view(self) -> View:
-        """Return all valves, those whose turn has not come yet without a state."""
-        with self._ranking:
-            known = dict(self.states)  # grows while it is read
-            if self._ranked[0] != len(known):
-                self._ranked = len(known), self._rank(known)
-            return self._ranked[1]
-
-    def _rank(self, known: Mapping[str, tuple[Mark, ValveState]]) -> View:
-        waiting = [FleetRow(shown_name(name), evidence=WAITING, cycle=mark.cycle)
-                   for name, mark in self._marks.items() if name not in known]  # fmt: skip
-        return _shown([state for _, state in known.values()], waiting, self._where,
-                      self._nameplates)  # fmt: skip
-
-
-def _shown(
-    states: Sequence[ValveState],
-    waiting: Sequence[FleetRow],
-    where: str,
-    nameplates: Mapping[str, Mapping[str, str]],
-) -> View:
-    """Return what the faces show of a history read so far."""
-    rows = ranked([state.row for state in states] + list(waiting), FleetOrder.URGENCY)
-    trends = {state.row.valve: state.trends for state in states}
-    verdicts = {s.row.valve: s.verdict for s in states if s.verdict is not None}
-    now_ns = time.time_ns()
-    return View(tuple(rows), where, now_ns, "", trends, nameplates, verdicts, whole=False)
 
 
 class Plant:
@@ -148,18 +103,23 @@ class Plant:
         self._reading = threading.Lock()
         self._history: History | None = None
         self._view = _NOTHING
-        self._due_s = time.monotonic()
+        self._due_s = self._read_s = time.monotonic()
         self._moved_s: float | None = None
         self._states: dict[str, tuple[Mark, ValveState]] = {}
         self._courses: dict[str, tuple[float, ...]] = {}
         self._details = DetailsOf()
         self._told_failure, self._failures, self._waits = "", 0, waits
-        self._first, self._begun = threading.Event(), _FirstReading("", {}, {}, {})
+        self._first, self._begun = threading.Event(), FirstReading("", {}, {}, {})
 
     @property
     def where(self) -> str:
         """The history, also before it is read."""
         return place_of(self._url)
+
+    @property
+    def is_reading(self) -> bool:
+        """Whether the history is being read just now."""
+        return self._moved_s is not None
 
     def glance(self) -> View:
         """Return what there is at once: of a first reading, which takes long, what it has so far.
@@ -199,7 +159,7 @@ class Plant:
         self._begin_reading()
         if self._reading.acquire(timeout=wait_s):
             self._reading.release()
-        is_over, view = self._moved_s is None, self._view
+        is_over, view = not self.is_reading, self._view
         found = self._or_late(view)
         return found, is_over or found is not view
 
@@ -209,8 +169,7 @@ class Plant:
         late_s = 0.0 if moved_s is None else time.monotonic() - moved_s
         if late_s < LATE_S:
             return view
-        where = view.where or "the history"
-        return replace(view, failure=f"{where}: does not answer for {late_s:.0f} s")
+        return replace(view, failure=f"{self.where}: does not answer for {late_s:.0f} s")
 
     def _begin_reading(self) -> None:
         """Have the history read where that is due and nobody does it."""
@@ -235,7 +194,7 @@ class Plant:
             if time.monotonic() >= self._due_s:
                 begun_s = time.thread_time()
                 self._read()
-                pause_s = RETRY_S if self._view.failure else REFRESH_S
+                pause_s = RETRY_S if self._failures else REFRESH_S
                 rest_s = REST * (time.thread_time() - begun_s)
                 self._due_s = time.monotonic() + max(pause_s, rest_s)
         finally:
@@ -353,7 +312,7 @@ class Plant:
             nameless = [FleetRow(f"{DAMAGED_NAME}{key}", evidence=DAMAGED) for key in damaged]
             known.update((n, self._states[n]) for n in marks if n in self._states)
             if not self._view.whole:
-                self._begun = _FirstReading(history.where, marks, known, self._nameplates)
+                self._begun = FirstReading(history.where, marks, known, self._nameplates)
                 self._first.set()
             for name, mark in marks.items():
                 known[name] = self._state(history, name, mark)
@@ -362,21 +321,27 @@ class Plant:
             self._courses = {n: c for n, c in self._courses.items() if n in marks}
         except ValveTwinError as err:
             self._states = self._states | known  # what was assessed is not assessed again
-            so_far = self._begun.view()  # empty but for a first reading
-            self._view = replace(so_far if so_far.rows else self._view, failure=str(err))
-            self._begun = _FirstReading("", {}, {}, {})
-            if self._view.read_ns or self._waits:
-                self._tell(str(err))
+            if not self._passed_over():
+                so_far = self._begun.view()  # empty but for a first reading
+                self._view = replace(so_far if so_far.rows else self._view, failure=str(err))
+                if self._view.read_ns or self._waits:
+                    self._tell(str(err))
+            self._begun = FirstReading("", {}, {}, {})
             self._failures += 1
             if self._failures % MOST_TRIES == 0:
                 self._let_go()
             return
         self._tell("")
-        self._failures = 0
+        self._failures, self._read_s = 0, time.monotonic()
         states = [state for _, state in self._states.values()]
-        found = _shown(states, nameless, history.where, self._nameplates)
+        found = shown(states, nameless, history.where, self._nameplates)
         self._view = replace(found, courses=dict(self._courses), whole=True)
-        self._begun = _FirstReading("", {}, {}, {})
+        self._begun = FirstReading("", {}, {}, {})
+
+    def _passed_over(self) -> bool:
+        """Return whether a failed reading is the first behind a good one of just now."""
+        is_first = self._view.whole and not self._failures
+        return is_first and time.monotonic() - self._read_s < BRIEF_S
 
     def _tell(self, failure: str) -> None:
         """Say once that the history cannot be read, and once that it is read again."""
@@ -407,9 +372,9 @@ class Plant:
         kept = self._states.get(valve)
         if kept is not None and kept[0] == mark:
             return kept
-        shown = shown_name(valve)
-        if shown != valve:
-            return mark, ValveState(FleetRow(shown, evidence=DAMAGED, cycle=mark.cycle))
+        named = shown_name(valve)
+        if named != valve:
+            return mark, ValveState(FleetRow(named, evidence=DAMAGED, cycle=mark.cycle))
         self._courses.pop(valve, None)
         try:
             state = describe_valve(history, valve, self._rules(valve))
@@ -437,8 +402,3 @@ def _course(history: History, state: ValveState) -> tuple[float, ...]:
     values = [p.value for e in recent if e.used_by_trend for p in e.parameters
               if p.name == parameter and p.usable]  # fmt: skip
     return tuple(values[-COURSE:])
-
-
-def shown_name(valve: str) -> str:
-    r"""Return a valve's name as text that every face can carry: bytes that are none as \xNN."""
-    return valve.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")

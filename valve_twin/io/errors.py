@@ -94,6 +94,8 @@ def may_pass(err: BaseException | None) -> bool:
         The error; None = there is none.
     """
     while err is not None:
+        if isinstance(err, PermissionError) and err.filename is None:  # a port that root has
+            return False
         if isinstance(err, OSError) and err.errno in _OF_DISKS:
             return True
         if any(sign in str(err).lower() for sign in _SAID_OF_DISKS):

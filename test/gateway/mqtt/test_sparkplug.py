@@ -10,6 +10,7 @@ import math
 import os
 import queue
 import random
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -271,6 +272,27 @@ def test_the_marks_belong_to_one_at_a_time(tmp_path, past):
     with pytest.raises(StoreError, match="holds the marks of a broker: name another file for b"):
         Backlog(tmp_path / "state", past.read, "b")
     Backlog(tmp_path / "state", past.read, "a broker").close()
+
+
+def test_marks_whose_folder_was_deleted_belong_to_one_at_a_time_again(tmp_path, past):
+    """The lock went with the folder: two told one broker as the same node."""
+    path = tmp_path / "marks" / "state"
+    first = Backlog(path, past.read, "a broker")
+    first.next_birth()
+    shutil.rmtree(path.parent)
+    first.next_birth()
+    assert path.exists()
+    with pytest.raises(StoreError, match="another `serve` keeps its marks there"):
+        Backlog(path, past.read, "a broker")
+    shutil.rmtree(path.parent)
+    second = Backlog(path, past.read, "a broker")
+    with pytest.raises(StoreError, match="another `serve` keeps its marks there"):
+        first.next_birth()
+    second.next_birth()
+    SparkplugSpeaker("group", "node", first).farewell()
+    second.close()
+    first.next_birth()
+    first.close()
 
 
 def test_marks_that_cannot_be_written_are_told_at_the_start(tmp_path, past):

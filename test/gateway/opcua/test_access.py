@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import asyncio
+import subprocess
+import sys
 from datetime import datetime, timedelta, timezone
 
 import pytest
@@ -92,3 +94,35 @@ def test_a_disk_that_takes_only_one_of_a_new_pair_keeps_none_and_is_told_what_it
         made = sorted((disk.place / "pki").iterdir())
         assert [path.name for path in made] == ["certificate.der", "key.pem"]
         assert made[1].stat().st_mode & 0o77 == 0
+
+
+MAKE = """
+import asyncio, sys
+from pathlib import Path
+from valve_twin.gateway.opcua.access import _load_own
+
+class Taker:
+    async def load_certificate(self, path): pass
+    load_private_key = load_certificate
+
+print("ready", flush=True)
+sys.stdin.readline()
+for n in range(10):
+    asyncio.run(_load_own(Taker(), Path(sys.argv[1]) / str(n)))
+"""
+
+
+def test_servers_that_start_at_once_take_one_pair(tmp_path):
+    """Key and certificate of two of them lay side by side, and no server started any more."""
+    command = [sys.executable, "-c", MAKE, str(tmp_path)]
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    servers = [subprocess.Popen(command, text=True, **pipes) for _ in range(3)]
+    for server in servers:
+        assert server.stdout.readline() == "ready\n"
+    for server in servers:
+        server.stdin.write("\n")
+        server.stdin.flush()
+    said = [server.communicate(timeout=120)[1] for server in servers]
+    assert said == ["", "", ""]
+    for n in range(10):
+        check_pair(tmp_path / str(n))

@@ -43,6 +43,7 @@ from valve_twin.gateway.opcua.valve_nodes import OF_PARAMETER, VALUES, stamp
 from valve_twin.gateway.passwords import user_line
 from valve_twin.gateway.plant import Plant
 from valve_twin.gateway.view import View
+from valve_twin.io.history.fleet import FleetRow
 from valve_twin.io.history.store import History
 
 DI, VALVES = "http://opcfoundation.org/UA/DI/", "urn:valve_twin:valves"
@@ -443,6 +444,21 @@ def test_a_verdict_that_changes_is_an_event_and_a_lost_history_a_status(tmp_path
         asyncio.run(follow())
     finally:
         assert "Traceback" not in server.end()
+
+
+def test_values_that_a_node_tells_stay_good_while_the_history_cannot_be_read(tmp_path):
+    """All were uncertain, also those that every other face showed as live."""
+    rows = FleetRow("/a", cycle=3), FleetRow("/b", cycle=5)
+    view = View(rows, failure="no disk", told=frozenset({"/b"}))
+    face = OpcUaFace(lambda: view, "opc.tcp://127.0.0.1:0", Access(tmp_path, anonymous=True))
+    try:
+        face.start()
+        found = {str(node.Identifier): value for node, value in face._shown.items()}
+    finally:
+        face.stop()
+    assert found["/a#Cycle"].StatusCode.name == "UncertainLastUsableValue"
+    assert found["/b#Cycle"].StatusCode.name == "Good"
+    assert found["History#Readable"].Value.Value is False
 
 
 async def until(condition, most_s=60.0) -> None:

@@ -24,8 +24,8 @@ from test.gateway.test_web import store
 from test.nodes.conftest import NS
 from test.nodes.gateway.fake_twin import RATE_HZ, expected
 from test.small_disk import small_disk
+from valve_twin.gateway.first_reading import WAITING
 from valve_twin.gateway.passwords import user_line
-from valve_twin.gateway.plant import WAITING
 from valve_twin.io.history.store import History
 from valve_twin.nodes.gateway.node import GatewayNode
 

@@ -36,8 +36,8 @@ from valve_twin.core.faults.kinds import FAULT_KINDS, diagnosed
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Prediction, Validity
 from valve_twin.core.valves.registry import get_model, model_names
+from valve_twin.gateway.first_reading import WAITING
 from valve_twin.gateway.page import forms
-from valve_twin.gateway.plant import WAITING
 from valve_twin.report import plots
 from valve_twin.report.faults import faults_section
 from valve_twin.report.language.words import (

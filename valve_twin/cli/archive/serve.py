@@ -204,8 +204,10 @@ def _opened(arguments: argparse.Namespace, stack: ExitStack) -> Callable[[], Non
     plates = nameplates(arguments.config)
     plant = Plant(arguments.url, aging_rules(arguments.config), plates)
     view = plant.view()
-    if view.failure:
-        return fail(view.failure)
+    if view.failure and not plant.is_reading:  # else it takes long, as where kernels are compiled
+        view = plant.view()  # it may have come to its end just now
+        if view.failure:
+            return fail(view.failure)
     try:
         listening = stack.enter_context(serving.listen(place))
     except ConfigError as err:
@@ -214,7 +216,8 @@ def _opened(arguments: argparse.Namespace, stack: ExitStack) -> Callable[[], Non
     server = serving.make_server(application(plant, site), place)
     stack.enter_context(_ended_by_ctrl_c(server))
     where = serving.address(place, listening)
-    say(f"{view.where}: {len(view.rows)} valves at {where} (Ctrl-C ends it)")
+    known = f"{len(view.rows)} valves" if view.whole else "valves still to be assessed"
+    say(f"{plant.where}: {known} at {where} (Ctrl-C ends it)")
     return partial(server.run, sockets=[listening])
 
 

@@ -7,7 +7,9 @@ from __future__ import annotations
 import json
 import logging
 import math
+import os
 from collections import deque
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TextIO
 
 from valve_twin.io.bags.file import hold
@@ -205,6 +207,11 @@ class Backlog:
         """Keep the marks, where they changed; while the disk does not take them, in memory.
 
         The broker is told all the same: who begins anew meanwhile tells it some cycles twice.
+
+        Raises
+        ------
+        StoreError
+            If the file's folder was deleted and another process keeps its marks there now.
         """
         if self._now() == self._saved:
             return
@@ -240,19 +247,41 @@ class Backlog:
 
     def _write(self) -> None:
         now = self._now()
+        self._hold_again()
         self._path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(self._path, json.dumps(now, indent=1))
         self._saved = now
 
+    def _hold_again(self) -> None:
+        """Hold the file's lock anew where its folder was deleted: what is held there is gone."""
+        with suppress(OSError):
+            if os.path.samestat(_lock(self._path).stat(), os.fstat(self._held.fileno())):
+                return
+        try:
+            fresh = _locked(self._path)
+        except BlockingIOError as err:
+            raise StoreError(_TAKEN.format(self._path)) from err
+        self._held.close()
+        self._held = fresh
+
+
+_TAKEN = "{}: another `serve` keeps its marks there: name another --mqtt-state"
+
+
+def _lock(path: Path) -> Path:
+    return path.with_name(f"{path.name}.lock")
+
+
+def _locked(path: Path) -> TextIO:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return hold(_lock(path))
+
 
 def _held(path: Path) -> TextIO:
-    lock = path.with_name(f"{path.name}.lock")
     try:
-        lock.parent.mkdir(parents=True, exist_ok=True)
-        return hold(lock)
+        return _locked(path)
     except BlockingIOError as err:
-        msg = f"{path}: another `serve` keeps its marks there: name another --mqtt-state"
-        raise StoreError(msg) from err
+        raise StoreError(_TAKEN.format(path)) from err
     except OSError as err:
         raise StoreError(unwritable(path, err)) from err
 

@@ -6,13 +6,11 @@ from __future__ import annotations
 
 import ssl
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from valve_twin.io.errors import ConfigError
+from paho.mqtt.client import Client
 
-if TYPE_CHECKING:
-    from paho.mqtt.client import Client
+from valve_twin.io.errors import ConfigError
 
 PORTS = {"mqtt": 1883, "mqtts": 8883}
 """Usual port of each scheme."""
@@ -80,6 +78,17 @@ class Broker:
             pass
         msg = f"MQTT: '{self.address}' is no address: write mqtt://127.0.0.1:1883 or mqtts://..."
         raise ConfigError(msg)
+
+    def check(self) -> None:
+        """Refuse an address or files that are of no use.
+
+        Raises
+        ------
+        ConfigError
+            One line that says which.
+        """
+        self.place()
+        self.apply(Client())
 
     def apply(self, client: Client) -> None:
         """Give a client what it needs to come in.

@@ -117,13 +117,12 @@ class MqttFace:
     Raises
     ------
     ConfigError
-        If the broker's address or files are of no use.
+        If the broker's address is of no use.
     """
 
     def __init__(self, view: Callable[[], View], broker: Broker, speaker: Speaker) -> None:
         self._view, self._broker, self._speaker = view, broker, speaker
         self._host, self._port = broker.place()
-        broker.apply(Client())  # what is wrong with it is said now
         self._events: queue.Queue[_Event] = queue.Queue()
         self._end = threading.Event()
         self._told = ""

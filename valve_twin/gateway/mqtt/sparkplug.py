@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import suppress
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any, get_type_hints
 
@@ -32,6 +33,7 @@ from valve_twin import __version__
 from valve_twin.gateway.mqtt.broker import Message
 from valve_twin.gateway.mqtt.names import device_id
 from valve_twin.gateway.plain import plain_valve
+from valve_twin.io.errors import StoreError
 from valve_twin.io.history.fleet import FleetRow
 
 if TYPE_CHECKING:
@@ -221,7 +223,8 @@ class SparkplugSpeaker:
 
     def farewell(self) -> list[Message]:
         """Return the death that is said at a clean end, which the broker's will does not say."""
-        self.backlog.save()
+        with suppress(StoreError):  # another one has our place
+            self.backlog.save()
         return [self._death()]
 
     def _renewed(self, view: View) -> list[Message]:

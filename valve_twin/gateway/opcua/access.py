@@ -7,6 +7,7 @@ from __future__ import annotations
 import asyncio
 import os
 import socket
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -29,7 +30,7 @@ from valve_twin.compat import policies_of, sessions_of
 from valve_twin.io.errors import ConfigError, unwritable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from asyncua import Server
 
@@ -226,18 +227,19 @@ def read_trusted(folder: Path) -> dict[bytes, str]:
 
 
 async def _load_own(server: Server, folder: Path) -> None:
-    certificate, key = folder / "certificate.der", folder / "key.pem"
-    there = [path.exists() for path in (certificate, key)]
-    if any(there) and not all(there):
-        missing = certificate if there[1] else key
-        msg = f"{missing}: is missing: put it beside the other, or remove both for new ones"
-        raise ConfigError(msg)
+    certificate, key = pair = folder / "certificate.der", folder / "key.pem"
     try:
-        if not any(there):
+        if not all(path.exists() for path in pair):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            await _make_own(certificate, key)
+            with _turn(folder):
+                if not any(path.exists() for path in pair):
+                    await _make_own(certificate, key)
     except OSError as err:
         raise ConfigError(unwritable(folder, err)) from err
+    for path, other in (pair, pair[::-1]):
+        if other.exists() and not path.exists():
+            msg = f"{path}: is missing: put it beside the other, or remove both for new ones"
+            raise ConfigError(msg)
     check_pair(folder)
     await server.load_certificate(certificate)
     await server.load_private_key(key)
@@ -270,6 +272,23 @@ def check_pair(folder: Path) -> None:
     if not fits:
         msg = f"{certificate}: does not belong to {key}: put the right pair there"
         raise ConfigError(msg)
+
+
+@contextmanager
+def _turn(folder: Path) -> Iterator[None]:
+    """Wait until nobody else makes a pair here: of servers that start at once one does."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    held = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(held, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(held)
 
 
 async def _make_own(certificate: Path, key: Path) -> None:

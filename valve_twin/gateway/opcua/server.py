@@ -205,7 +205,6 @@ class OpcUaFace:
         Return whether the history is still being read for the first time.
         """
         view = await asyncio.to_thread(self._view)
-        status = _STALE if view.failure else _GOOD
         for name, value in (
             ("Place", ua.Variant(view.where, _V.String)),
             ("Failure", ua.Variant(view.failure, _V.String)),
@@ -231,6 +230,7 @@ class OpcUaFace:
             self._valves[valve] = nodes, _layout(rows[valve])
         for valve, plain in rows.items():
             time = stamp(plain["end_ns"])  # type: ignore[arg-type]
+            status = _STALE if view.is_stale(valve) else _GOOD
             for node, value in self._valves[valve][0].values(plain):
                 await self._show(server, node, value, status, time)
             await self._tell(server, valve, plain)
