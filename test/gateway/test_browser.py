@@ -148,6 +148,25 @@ def test_rows_grow_with_the_screen_and_names_break_between_their_parts(server, b
     assert browser.run(height) <= 3
 
 
+def test_a_time_in_a_table_stays_on_its_line_and_every_cell_of_a_phone_is_named(server, browser):
+    """Dates took four lines at the widest screens; on a phone intervals stood without a word."""
+    for page in ("/", f"/valve{quote(HOSTILE)}"):
+        shown(browser, server, page)
+        for width in (1400, 2560):
+            browser.resize(width, 800)
+            lines = browser.run(
+                "[...document.querySelectorAll('td time')].map((t) => t.getClientRects().length)"
+            )
+            assert lines
+            assert set(lines) == {1}
+    shown(browser, server, f"/cycles{WORN}")
+    browser.resize(390, 800)
+    named = browser.run(
+        "[...document.querySelectorAll('td')].map((c) => getComputedStyle(c, '::before').content)"
+    )
+    assert {name.replace('"', "").strip() for name in named} == {"Value", "95 % interval"}
+
+
 def test_what_somebody_called_a_valve_or_wrote_runs_no_script(server, browser):
     hook = "window.ran = 0; window.alert = () => { window.ran += 1; };"
     made = browser.call("Page.addScriptToEvaluateOnNewDocument", source=hook)

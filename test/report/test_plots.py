@@ -7,7 +7,13 @@ import re
 import numpy as np
 import pytest
 
-from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
+from valve_twin.core.types import (
+    Estimate,
+    EstimateStatus,
+    Maintenance,
+    ParameterStatus,
+    ParameterValue,
+)
 from valve_twin.report.plots import Marks, plot_parameter
 from valve_twin.report.svg import extremes
 
@@ -17,7 +23,7 @@ DIGIT = 7.0
 """Width of a digit at the axes of a chart of 480 units at least [units of the drawing]."""
 
 
-def chart(values, status=(ParameterStatus.OK, ParameterStatus.OK)) -> str:
+def chart(values, status=(ParameterStatus.OK, ParameterStatus.OK), marks=None) -> str:
     """Return the chart of a parameter with these values, states in turn."""
     estimates = [
         Estimate(
@@ -33,7 +39,7 @@ def chart(values, status=(ParameterStatus.OK, ParameterStatus.OK)) -> str:
         )
         for n, value in enumerate(values, 1)
     ]
-    return str(plot_parameter("gain", estimates, Marks(), "cycle"))
+    return str(plot_parameter("gain", estimates, marks or Marks(), "cycle"))
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +91,14 @@ def test_cycles_are_counted_in_whole_numbers(count):
     texts = re.findall(r'<text class="tick mid"[^>]*>([^<]*)<', chart([1.0] * count))
     assert len(texts) >= 2
     assert all(text.isdecimal() for text in texts), texts
+
+
+def test_the_word_of_a_maintenance_stands_over_the_curves_that_cross_it():
+    marks = Marks(maintenance=(Maintenance(0, 20, "cleaned"),))
+    drawn = chart([1.0] * 60, marks=marks)
+    assert drawn.index("▼ service") > max(
+        drawn.rindex(f'class="{c}"') for c in ("estimate", "axis")
+    )
 
 
 def test_no_point_is_no_point():

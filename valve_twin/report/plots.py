@@ -169,11 +169,12 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
         _percent_axis(panel, trend.reference)
     _days(panel, marks)
     drawn = _bands(panel, marks) if has_line(trend) else []
+    named: list[float] = []
     for event in marks.maintenance:
         at = float(_axis_of(np.array([float(event.cycle)]), marks.detail)[0])
         if panel.x[0] <= at <= panel.x[1]:
             panel.mark(at, "service")
-            panel.text(float(panel.place(at, 0.0)[0]) + 4, panel.top + 11, "▼ service", "note")
+            named.append(float(panel.place(at, 0.0)[0]) + 4)
     outlier = _outliers(cycle, marks.detail)
     good, at_bound = (_seen(panel, x, value, m) for m in (usable & ~outlier, bound))
     crossed = np.flatnonzero(usable & outlier)
@@ -196,6 +197,8 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
         _threshold(panel, trend.threshold)
         if panel.y[0] <= trend.warning <= panel.y[1]:
             panel.level(trend.warning, "warning")
+    for at in named:  # over the curves
+        panel.text(at, panel.top + 11, "▼ service", "note")
     return drawing(480, 286, panel.parts, f"{name} over {axis}", "small")
 
 

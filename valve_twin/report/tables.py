@@ -270,7 +270,7 @@ def quality(data: ReportData) -> dict[str, object]:
         "masked": {name: share(n, total) for name, n in masked.items()},
         "missed": missed + (f", and {count(unknown)} gaps of unknown length" if unknown else ""),
         "noise": float(np.median(noise)) if noise else math.nan,
-        "reproducible": f"{count(totals.reproducible)} of {count(totals.cycles)}",
+        "reproducible": f"{count(totals.reproducible)} / {count(totals.cycles)}",
     }
 
 

@@ -115,11 +115,16 @@ for n in range(10):
 def test_servers_that_start_at_once_take_one_pair(tmp_path):
     """Key and certificate of two of them lay side by side, and no server started any more."""
     command = [sys.executable, "-c", MAKE, str(tmp_path)]
-    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-    servers = [subprocess.Popen(command, text=True, **pipes) for _ in range(3)]
+    pipe = subprocess.PIPE
+    servers = [
+        subprocess.Popen(command, text=True, stdin=pipe, stdout=pipe, stderr=pipe)
+        for _ in range(3)
+    ]
     for server in servers:
+        assert server.stdout is not None
         assert server.stdout.readline() == "ready\n"
     for server in servers:
+        assert server.stdin is not None
         server.stdin.write("\n")
         server.stdin.flush()
     said = [server.communicate(timeout=120)[1] for server in servers]

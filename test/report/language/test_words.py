@@ -19,6 +19,7 @@ from markupsafe import Markup
 
 import valve_twin.core.valves
 import valve_twin.gateway
+import valve_twin.nodes
 from valve_twin.core.aging.assess import Assessment
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.verdict import Trend, TrendStatus, VerdictKind, decide, held_back
@@ -87,6 +88,36 @@ def test_what_to_do_against_every_fault_of_a_node_is_told_in_german():
     assert [
         r for r in remedies if sentence(r, german) == r or "lang=" in sentence(r, german)
     ] == []
+
+
+def evidence_of_nodes() -> Iterator[str]:
+    """Yield what the nodes file with a fault of their own words, 7 for all that differs."""
+    for path in sorted(Path(valve_twin.nodes.__file__).parent.rglob("*.py")):
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Attribute):
+                continue
+            if call.func.attr not in {"report", "look"} or len(call.args) < 2:
+                continue
+            for said in ast.walk(call.args[1]):
+                if isinstance(said, ast.JoinedStr):
+                    parts = (getattr(v, "value", "7") for v in said.values)
+                    yield "".join(p if isinstance(p, str) else "7" for p in parts)
+                    break
+                if isinstance(said, ast.Constant) and said.value:
+                    yield str(said.value)
+
+
+def test_what_nodes_file_with_their_faults_is_told_in_german():
+    german, told = words("de"), set(evidence_of_nodes())
+    assert len(told) >= 9
+    sentences = [t.removesuffix("; 7") for t in sorted(told)]
+    assert [t for t in sentences if "lang=" in sentence(t, german)] == []
+    full = "/bags/x: cannot be written: No space left on device: free some space"
+    stops = sentence(f"recording stops: {full}", german)
+    assert "lang=" not in stops
+    assert "kein Platz mehr: Platz schaffen" in stops
+    held = sentence("v_in = 1.2: must be a number from 0 to 1 [1]; limited", german)
+    assert held == "v_in = 1.2: muss eine Zahl von 0 bis 1 [1] sein; begrenzt"
 
 
 def test_the_words_inside_a_picture_are_translated():
