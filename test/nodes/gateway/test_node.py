@@ -316,7 +316,7 @@ def test_a_port_that_is_taken_is_one_line(graph, history, capfd):
 def test_a_gateway_waits_for_its_disk_and_for_its_history_and_shows_both_faces_then(
     graph, tmp_path
 ):
-    """It stayed inactive for good, and of a history that is not there it said nothing."""
+    """It stayed inactive for good, later until the disk was there: no page was shown meanwhile."""
     path = tmp_path / "history.sqlite"
     with small_disk(tmp_path / "disk", "1m") as disk:
         disk.mount("remount,ro")
@@ -327,17 +327,23 @@ def test_a_gateway_waits_for_its_disk_and_for_its_history_and_shows_both_faces_t
             mqtt="mqtt://127.0.0.1:1",
             mqtt_state=str(disk.place / "marks" / "state"),
         )
-        graph.spin_until(lambda: "cannot activate" in made.log, what="a word of the disk")
-        disk.mount("remount,rw")
+        graph.spin_until(lambda: "cannot be written" in made.log, what="a word of the disk")
         graph.spin_until(lambda: "no such file: check the path; waiting" in made.log, 60.0, "it")
         store(path, NS, range(1, 4), 0.0)
-        graph.spin_until(lambda: f"{path}: is read" in made.log, 60.0, "the history")
         found = re.search(r"http://127\.0\.0\.1:\d+", made.log)
         assert found
-        with urllib.request.urlopen(f"{found.group()}/api/valves", timeout=60) as answer:
-            assert [v["cycle"] for v in json.load(answer)["valves"]] == [3]
+
+        def cycles() -> list[int]:
+            with urllib.request.urlopen(f"{found.group()}/api/valves", timeout=60) as answer:
+                return [v["cycle"] for v in json.load(answer)["valves"]]
+
+        graph.spin_until(lambda: cycles() == [3], 60.0, "the history")
+        graph.spin_until(lambda: f"{path}: is read" in made.log, 60.0, "a word of it")
+        disk.mount("remount,rw")
         graph.spin_until((disk.place / "marks" / "state").exists, what="the marks")
-        assert made.log.count("cannot activate") == 1
+        graph.spin_until(lambda: "MQTT to 127.0.0.1:1" in made.log, what="a word of it")
+        assert "cannot activate" not in made.log
+        assert made.log.count("cannot be written") == 1
         assert "state: cannot be written: Read-only file system: make the disk" in made.log
         assert "Traceback" not in made.log
         made.kill()
