@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import resource
 import threading
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from valve_twin.cli.common import check_writable
-from valve_twin.io.whole import part_of, placed, write_all, write_whole
+from valve_twin.io.whole import part_of, placed, sync_file, write_all, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -86,6 +87,29 @@ def test_names_that_begin_alike_are_kept_apart(tmp_path):
     both = [tmp_path / f"{'n' * 60}{k}" for k in range(2)]
     write_all({path: path.name for path in both})
     assert [path.read_text() for path in both] == [path.name for path in both]
+
+
+def test_parts_of_names_that_begin_alike_are_kept_apart(tmp_path):
+    """Two backups at a time in one process, or in two containers with one process id."""
+    alike = "press_cartridge_line_three_station_twelve_history_of_2026"
+    parts = {part_of(tmp_path / f"{alike}_{k}.sqlite") for k in range(2)}
+    assert len(parts) == 2
+
+
+def test_a_file_is_flushed_by_a_handle_that_may_write(tmp_path, monkeypatch):
+    """Windows refuses another one: no table could be written there."""
+    flushed: list[int] = []
+
+    def flush(file: int) -> None:
+        if fcntl.fcntl(file, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+        flushed.append(file)
+
+    (tmp_path / "a.csv").write_text("a\n1\n")
+    monkeypatch.setattr(os, "fsync", flush)
+    sync_file(tmp_path / "a.csv")
+    assert len(flushed) == 1
+    assert (tmp_path / "a.csv").read_text() == "a\n1\n"
 
 
 def test_a_read_only_folder_is_told_with_the_file_that_was_asked_for(tmp_path, monkeypatch):

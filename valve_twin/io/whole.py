@@ -7,6 +7,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import zlib
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -103,9 +104,11 @@ def _can_replace(path: str | Path, target: Path) -> bool:
 def part_of(path: Path, number: int = 0) -> Path:
     """Return where this process writes a file first: beside its place, hidden.
 
-    Files of one folder that are written at the same time differ in their `number`.
+    Files of one folder differ in the check sum of their whole names, and two that are written
+    at the same time to one place in their `number`: processes of two containers may have one id.
     """
-    return path.with_name(f".{path.name[:_SHOWN]}.{os.getpid()}.{number}.part")
+    whole = zlib.crc32(os.fsencode(path.name))
+    return path.with_name(f".{path.name[:_SHOWN]}.{whole:08x}.{os.getpid()}.{number}.part")
 
 
 @contextmanager
@@ -133,7 +136,7 @@ def placed(path: Path, part: Path) -> Iterator[Path]:
 
 def sync_file(path: Path) -> None:
     """Put what a file holds on disk: else a power cut may leave its name with nothing behind."""
-    with path.open("rb") as file:
+    with path.open("r+b") as file:  # Windows flushes none that is only read
         os.fsync(file.fileno())
 
 

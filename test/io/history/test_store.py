@@ -38,6 +38,7 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 from valve_twin.io.errors import StoreError
+from valve_twin.io.history import export
 from valve_twin.io.history.migrations.schema import migrate
 from valve_twin.io.history.store import CycleRecord, History, cycle_record
 from valve_twin.io.history.tables import METADATA, SCHEMA_TABLE, SCHEMA_VERSION
@@ -550,6 +551,48 @@ class TestCopies:
                 assert [e.cycle for e in saved.estimates(VALVE)] == [
                     n for n in cycles for _ in range(2)
                 ]
+
+    def test_backups_at_a_time_under_names_that_begin_alike_are_kept_apart(
+        self, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The first to end took the file that both wrote, and the other had none."""
+        together, seal = threading.Barrier(2, timeout=30.0), export._seal
+        monkeypatch.setattr(export, "_seal", lambda *given: (together.wait(), seal(*given)))
+        alike = "press_cartridge_line_three_station_twelve_history_of_2026"
+        wanted = {n: tmp_path / f"{alike}_{n}.sqlite" for n in (2, 3)}
+
+        def back_up(count: int) -> None:
+            with filled(file.with_name(f"{count}.db"), count) as history:
+                history.backup(wanted[count])
+
+        threads = [threading.Thread(target=back_up, args=(n,)) for n in wanted]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for count, path in wanted.items():
+            with History(path, read_only=True) as saved:
+                assert saved.last_cycle(VALVE) == count
+
+    def test_the_name_of_a_backup_is_on_the_disk(
+        self, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        done: list[str] = []
+        sync, replace = os.fsync, os.replace
+
+        def synced(number: int) -> None:
+            done.append(os.readlink(f"/proc/self/fd/{number}"))
+            sync(number)
+
+        def replaced(part: Path, target: Path) -> None:
+            done.append(str(target))
+            replace(part, target)
+
+        with filled(file) as history:
+            monkeypatch.setattr(os, "fsync", synced)
+            monkeypatch.setattr(os, "replace", replaced)
+            history.backup(tmp_path / "copy.db")
+        assert done[-2:] == [str(tmp_path / "copy.db"), str(tmp_path)]
 
     def test_backup_without_a_name_is_dated_and_beside_the_history(self, file: Path) -> None:
         with filled(file) as history:

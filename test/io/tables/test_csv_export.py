@@ -44,6 +44,19 @@ def test_arrays_of_different_length_leave_cells_empty(tmp_path):
     assert cells == [["0.0", "1.0", ""], ["0.0", "1.0", "2.0"], ["0.0", "", ""]]
 
 
+def test_a_table_behind_a_link_is_replaced_there_and_keeps_its_rights(small_bag, tmp_path):
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    (kept / "x.csv").write_text("before", encoding="utf-8")
+    (kept / "x.csv").chmod(0o600)
+    (tmp_path / "x.csv").symlink_to(kept / "x.csv")
+    convert_topics(small_bag, tmp_path / "x.csv", ["/press/position"])
+    assert (tmp_path / "x.csv").is_symlink()
+    assert (kept / "x.csv").read_text(encoding="utf-8").startswith("log_time_ns")
+    assert (kept / "x.csv").stat().st_mode & 0o777 == 0o600
+    assert [path.name for path in kept.iterdir()] == ["x.csv"]
+
+
 def test_several_topics_give_a_file_each(small_bag, tmp_path):
     written = convert_topics(small_bag, tmp_path / "x.csv")
     names = ["x.press_command.csv", "x.press_position.csv"]

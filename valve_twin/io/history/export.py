@@ -151,6 +151,7 @@ def back_up_sqlite(database: Database, target: Path) -> None:
                 source.backup(copy)
                 _seal(copy, target)
         sync_file(part)
+    _keep_names(target.parent)
 
 
 def copy_to_sqlite(database: Database, target: Path) -> None:
@@ -177,6 +178,7 @@ def copy_to_sqlite(database: Database, target: Path) -> None:
             _seal(connection, target)
         with _writing(target), placed(target, part):
             sync_file(part)
+        _keep_names(target.parent)
     finally:
         for tail in ("", "-wal", "-shm"):
             Path(f"{part}{tail}").unlink(missing_ok=True)
@@ -202,8 +204,7 @@ def export_files(database: Database, folder: Path) -> list[Path]:
                 if (folder / name).is_dir():
                     raise IsADirectoryError(errno.EISDIR, f"{name} is a folder")
             _replace(parts, folder)  # nothing is replaced before all is written
-            with suppress(OSError):  # some network file systems keep their names in their own way
-                sync_folder(folder)
+            _keep_names(folder)
         finally:
             for part in parts.values():
                 with suppress(OSError):
@@ -243,6 +244,12 @@ def _part(target: Path) -> Path:
         msg = f"{target}: exists already and is not overwritten: name another file"
         raise StoreError(msg)
     return part_of(target)
+
+
+def _keep_names(folder: Path) -> None:
+    """Put the names in a folder on disk: else a power cut takes that of a backup just told of."""
+    with suppress(OSError):  # some network file systems keep their names in their own way
+        sync_folder(folder)
 
 
 def _seal(copy: sqlite3.Connection, target: Path) -> None:

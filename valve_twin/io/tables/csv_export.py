@@ -9,6 +9,8 @@ Arrays take one column an element; where arrays differ in length, what is not th
 from __future__ import annotations
 
 import csv
+import os
+import shutil
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -228,10 +230,13 @@ def write_table(table: Table, path: Path) -> None:
     """
     check_format(path)
     write = _write_csv if path.suffix.lower() == ".csv" else _write_parquet
+    target = Path(os.path.realpath(path))  # a link stays one, as where others are written
     try:
-        with placed(path, part_of(path)) as part:
+        with placed(target, part_of(target)) as part:
             write(table, part)
             sync_file(part)
+            if target.exists():
+                shutil.copymode(target, part)
     except OSError as err:
         raise BagError(unwritable(path, err)) from err
 

@@ -116,11 +116,12 @@ def _choose_transport(name: str) -> None:
 
 
 def give_way(niceness: int) -> None:
-    """Lower the priority of this process, of a service or a container against the others, too.
+    """Lower the priority of this process and, where it leads its session, of that.
 
     Linux shares processors among sessions first where it groups by them (its
     `sched_autogroup_enabled`): `nice` then counts only against what runs in the same one. A
-    session that others lead is left as it is.
+    session that others lead is left as it is. Control groups with a share of the processors (of
+    most containers, of services with a `CPUWeight`) go before sessions: there their share counts.
     """
     os.nice(niceness)
     if niceness and os.getsid(0) == os.getpid():
