@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from valve_twin.cli.common import check_writable
+from valve_twin.io.sealed import flush
 from valve_twin.io.whole import part_of, placed, sync_file, write_all, write_whole
 
 if TYPE_CHECKING:
@@ -100,16 +101,33 @@ def test_a_file_is_flushed_by_a_handle_that_may_write(tmp_path, monkeypatch):
     """Windows refuses another one: no table could be written there."""
     flushed: list[int] = []
 
-    def flush(file: int) -> None:
+    def windows(file: int) -> None:
         if fcntl.fcntl(file, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF))
         flushed.append(file)
 
     (tmp_path / "a.csv").write_text("a\n1\n")
-    monkeypatch.setattr(os, "fsync", flush)
+    monkeypatch.setattr(os, "fsync", windows)
     sync_file(tmp_path / "a.csv")
     assert len(flushed) == 1
     assert (tmp_path / "a.csv").read_text() == "a\n1\n"
+
+
+def test_a_file_that_takes_no_more_is_flushed(tmp_path, monkeypatch):
+    """A disk that became read-only still holds what is to be kept."""
+    (tmp_path / "a.cycle").write_text("kept")
+    opened = Path.open
+
+    def refused(path: Path, mode: str) -> object:
+        if "+" in mode:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+        return opened(path, mode)
+
+    monkeypatch.setattr(Path, "open", refused)
+    assert flush([tmp_path / "a.cycle", tmp_path / "gone.cycle"]) == {
+        tmp_path / "a.cycle",
+        tmp_path / "gone.cycle",
+    }
 
 
 def test_a_read_only_folder_is_told_with_the_file_that_was_asked_for(tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ import shutil
 import zlib
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import IO, TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -136,7 +136,14 @@ def placed(path: Path, part: Path) -> Iterator[Path]:
 
 def sync_file(path: Path) -> None:
     """Put what a file holds on disk: else a power cut may leave its name with nothing behind."""
-    with path.open("r+b") as file:  # Windows flushes none that is only read
+    file: IO[bytes]
+    try:
+        file = path.open("r+b")  # Windows flushes none that is only read
+    except OSError as err:
+        if err.errno not in (errno.EACCES, errno.EPERM, errno.EROFS):
+            raise
+        file = path.open("rb")
+    with file:
         os.fsync(file.fileno())
 
 
