@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from valve_twin.nodes.runtime import executables
+
 GROUP = Path("/proc/self/autogroup")
 SHOWN = f"""
 import os
@@ -33,3 +35,21 @@ def test_a_service_gives_way_to_those_of_other_sessions(leads):
     if GROUP.exists():
         own = GROUP.read_text(encoding="ascii").split()[-1]
         assert group[-1] == ("7" if leads else own)
+
+
+def test_of_two_services_that_begin_together_both_give_way(monkeypatch):
+    """Linux refused the second within 0.1 s, and its session kept its priority."""
+    refused, lowered = [1, 2], []
+
+    def written(path: Path, text: str, encoding: str) -> None:
+        del encoding
+        if refused:
+            refused.pop()
+            raise BlockingIOError
+        lowered.append((path, text))
+
+    monkeypatch.setattr(os, "nice", lambda by: by)
+    monkeypatch.setattr(os, "getsid", lambda of: os.getpid() if of == 0 else of)
+    monkeypatch.setattr(Path, "write_text", written)
+    executables.give_way(10)
+    assert lowered == [(GROUP, "10")]
