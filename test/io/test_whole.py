@@ -84,6 +84,18 @@ def test_files_that_belong_together_are_all_new_or_all_as_before(tmp_path, monke
     assert (first.read_text(), last.read_text()) == ("a, after", "z, after")
 
 
+def test_one_that_cannot_be_written_leaves_those_beside_it(tmp_path):
+    """A folder in the place of the last one: the first was of now by then."""
+    first, last = tmp_path / "a.txt", tmp_path / "z.txt"
+    first.write_text("a, before")
+    last.mkdir()
+    with pytest.raises(IsADirectoryError) as caught:
+        write_all({first: "a, after", last: "z, after"})
+    assert caught.value.filename == str(last)
+    assert first.read_text() == "a, before"
+    assert sorted(os.listdir(tmp_path)) == ["a.txt", "z.txt"]
+
+
 def test_names_that_begin_alike_are_kept_apart(tmp_path):
     both = [tmp_path / f"{'n' * 60}{k}" for k in range(2)]
     write_all({path: path.name for path in both})

@@ -81,6 +81,7 @@ def write_all(
             parts.append(part)
             beside = _can_replace(path, target) and _written(part, target, data, put)
             ready.append((path, target, part if beside else None, data))
+        ready.sort(key=lambda one: one[2] is not None)  # first what may still fail in its place
         for path, target, beside_it, data in ready:
             if beside_it is None or not _put(beside_it, target, put):
                 Path(path).write_bytes(data)
