@@ -133,6 +133,25 @@ def test_there_are_no_more_than_may_be(history):
         history.backup_for(rules, "c")
 
 
+def test_what_ended_backups_left_is_told_where_it_takes_the_place_of_others(
+    history, tmp_path, monkeypatch
+):
+    """Nobody sees hidden files: "2 files are there" in a folder that shows one, or none."""
+    rules = BackupRules("", 2)
+    history.backup_for(rules, "a")
+    monkeypatch.setattr(export, "_seal", lambda *_: os._exit(9))
+    child = os.fork()
+    if not child:
+        try:
+            history.backup_for(rules, "b")
+        finally:
+            os._exit(1)
+    os.waitpid(child, 0)
+    with pytest.raises(StoreError, match=r"2 files .* away, first the 1 of backups that were end"):
+        history.backup_for(rules, "c")
+    assert (tmp_path / "backups" / "a").exists()
+
+
 def test_the_disk_is_not_filled(history, monkeypatch):
     usage = shutil.disk_usage("/")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=1 << 20))

@@ -116,14 +116,19 @@ def requested_backup_path(database: Database, rules: BackupRules, name: str) -> 
         raise StoreError(msg)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        there = sum(1 for _ in folder.iterdir())
+        names = [file.name for file in folder.iterdir()]
         free = shutil.disk_usage(folder).free
         size = database.file.stat().st_size if database.file else 0
     except OSError as err:
         msg = f"{folder}: cannot take a backup ({err.strerror}): check backup_folder"
         raise StoreError(msg) from err
-    if there >= rules.most:
-        msg = f"{folder}: {there} files are there, backups_kept is {rules.most}: take some away"
+    if len(names) >= rules.most:
+        left = sum(name.startswith(".") and name.endswith(".part") for name in names)
+        hidden = f", first the {left} of backups that were ended (.*.part)" if left else ""
+        msg = (
+            f"{folder}: {len(names)} files are there, backups_kept is {rules.most}: take some "
+            f"away{hidden}"
+        )
         raise StoreError(msg)
     if free < size + _FLOOR:
         msg = f"{folder}: {free >> 20} MB are free, the backup needs {size >> 20}: make room"
