@@ -165,6 +165,37 @@ def test_a_single_failed_reading_is_passed_over_and_the_next_one_in_a_row_is_tol
     assert len(caplog.records) == 1
 
 
+def test_what_is_passed_over_is_told_once_what_is_shown_is_old(path, monkeypatch):
+    """Of a large file, checked anew at length, it was shown as live until the next reading."""
+    monkeypatch.setattr(module, "BRIEF_S", 60.0)
+    plant = Plant(str(path))
+    plant.view()
+    monkeypatch.setattr(module, "RETRY_S", 600.0)
+    path.rename(path.with_name("aside"))
+    assert not plant.view().failure
+    plant._read_s -= 61.0
+    for found in (plant.view(), plant.news(), plant.glance()):
+        assert "no such file" in found.failure
+        assert [row.valve for row in found.rows] == ["/a", "/b"]
+
+
+def test_a_valve_of_a_history_whose_failed_opening_is_passed_over_is_none_unknown(
+    path, monkeypatch
+):
+    """Its report was none (404), where it said why the history cannot be read."""
+    monkeypatch.setattr(module, "BRIEF_S", 60.0)
+    plant = Plant(str(path))
+    assert plant.page("/a")
+    monkeypatch.setattr(module, "RETRY_S", 600.0)
+    other = path.with_name("other")
+    other.write_bytes(b"no database" * 5000)
+    other.replace(path)
+    assert not plant.view().failure
+    for ask in (plant.page, plant.details, plant.first_cycle):
+        with pytest.raises(StoreError, match="is not a database"):
+            ask("/a")
+
+
 def test_a_failed_reading_behind_an_old_one_is_told_at_once(path, monkeypatch):
     monkeypatch.setattr(module, "BRIEF_S", 60.0)
     plant = Plant(str(path))

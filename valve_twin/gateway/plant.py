@@ -48,7 +48,8 @@ WAIT_S = 0.5
 """Who looks while the history is read waits at most so long, then sees what there was [s]."""
 
 BRIEF_S = 5.0
-"""One reading that fails behind a younger one is passed over, the next in a row is told [s]."""
+"""One reading that fails is passed over until what is shown is so old; the next in a row is told
+[s]."""
 
 MOST_TRIES = 3
 """A history that could not be read so often in a row is let go and opened anew [1]: who mends a
@@ -109,6 +110,7 @@ class Plant:
         self._courses: dict[str, tuple[float, ...]] = {}
         self._details = DetailsOf()
         self._told_failure, self._failures, self._waits = "", 0, waits
+        self._passed = ""
         self._first, self._begun = threading.Event(), FirstReading("", {}, {}, {})
 
     @property
@@ -164,12 +166,14 @@ class Plant:
         return found, is_over or found is not view
 
     def _or_late(self, view: View) -> View:
-        """Return a view, as it is or with the failure that its reading does not get on."""
-        moved_s = self._moved_s
-        late_s = 0.0 if moved_s is None else time.monotonic() - moved_s
-        if late_s < LATE_S:
-            return view
-        return replace(view, failure=f"{self.where}: does not answer for {late_s:.0f} s")
+        """Return a view, as it is or with the failure that keeps it from being read anew."""
+        moved_s, now_s, failure = self._moved_s, time.monotonic(), ""
+        late_s = 0.0 if moved_s is None else now_s - moved_s
+        if late_s >= LATE_S:
+            failure = f"{self.where}: does not answer for {late_s:.0f} s"
+        elif now_s - self._read_s >= BRIEF_S:
+            failure = self._passed
+        return replace(view, failure=failure) if failure else view
 
     def _begin_reading(self) -> None:
         """Have the history read where that is due and nobody does it."""
@@ -237,6 +241,8 @@ class Plant:
             raise StoreError(view.failure)
         history, known = self._history, self._states.get(valve) or self._begun.states.get(valve)
         if history is None or known is None:
+            if self._passed:  # what was known was of the history that is being opened anew
+                raise StoreError(self._passed)
             return None
         plate = dict(self._nameplates.get(valve, {}))
         make = partial(make_details, history, valve, self._rules(valve), plate)
@@ -301,7 +307,8 @@ class Plant:
     def _open_one(self) -> History:
         history = self._history
         if history is None:
-            raise StoreError(self._view.failure or f"{self.where}: is being opened")
+            failure = self._view.failure or self._passed
+            raise StoreError(failure or f"{self.where}: is being opened")
         return history
 
     def _read(self) -> None:
@@ -321,7 +328,8 @@ class Plant:
             self._courses = {n: c for n, c in self._courses.items() if n in marks}
         except ValveTwinError as err:
             self._states = self._states | known  # what was assessed is not assessed again
-            if not self._passed_over():
+            self._passed = str(err) if self._is_brief() else ""
+            if not self._passed:
                 so_far = self._begun.view()  # empty but for a first reading
                 self._view = replace(so_far if so_far.rows else self._view, failure=str(err))
                 if self._view.read_ns or self._waits:
@@ -332,13 +340,13 @@ class Plant:
                 self._let_go()
             return
         self._tell("")
-        self._failures, self._read_s = 0, time.monotonic()
+        self._passed, self._failures, self._read_s = "", 0, time.monotonic()
         states = [state for _, state in self._states.values()]
         found = shown(states, nameless, history.where, self._nameplates)
         self._view = replace(found, courses=dict(self._courses), whole=True)
         self._begun = FirstReading("", {}, {}, {})
 
-    def _passed_over(self) -> bool:
+    def _is_brief(self) -> bool:
         """Return whether a failed reading is the first behind a good one of just now."""
         is_first = self._view.whole and not self._failures
         return is_first and time.monotonic() - self._read_s < BRIEF_S

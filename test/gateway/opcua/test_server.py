@@ -43,6 +43,7 @@ from valve_twin.gateway.opcua.valve_nodes import OF_PARAMETER, VALUES, stamp
 from valve_twin.gateway.passwords import user_line
 from valve_twin.gateway.plant import Plant
 from valve_twin.gateway.view import View
+from valve_twin.io.errors import ConfigError
 from valve_twin.io.history.fleet import FleetRow
 from valve_twin.io.history.store import History
 
@@ -459,6 +460,17 @@ def test_values_that_a_node_tells_stay_good_while_the_history_cannot_be_read(tmp
     assert found["/a#Cycle"].StatusCode.name == "UncertainLastUsableValue"
     assert found["/b#Cycle"].StatusCode.name == "Good"
     assert found["History#Readable"].Value.Value is False
+
+
+def test_a_server_that_could_not_start_is_stopped_while_its_thread_ends(tmp_path, monkeypatch):
+    """Between its last word and its end 'Event loop is closed' took the place of the reason."""
+    folder = tmp_path / "pki"
+    folder.touch()
+    face = OpcUaFace(View, "opc.tcp://127.0.0.1:0", Access(folder, anonymous=True))
+    with pytest.raises(ConfigError, match="cannot be written"):
+        face.start()
+    monkeypatch.setattr(face._thread, "is_alive", lambda: True)
+    face.stop()
 
 
 async def until(condition, most_s=60.0) -> None:

@@ -110,7 +110,8 @@ class OpcUaFace:
     def stop(self) -> None:
         """Say goodbye to all clients."""
         if self._loop is not None and self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._end.set)
+            with suppress(RuntimeError):  # it ends just now
+                self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join(10.0)
 
     def _run(self) -> None:
