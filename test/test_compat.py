@@ -2,6 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """What stands in for interfaces that others keep private."""
 
+import argparse
 import subprocess
 import sys
 from pathlib import Path
@@ -140,3 +141,15 @@ def test_no_array_of_a_message_is_longer_than_it_and_all_together_are_bounded():
         assert codec.variant_from_binary(doubles).Value == [0.0, 0.0]
     finally:
         compat.bound_arrays()
+
+
+def test_a_number_with_an_exponent_is_no_option():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--at", type=float, nargs="+")
+    parser.add_argument("file", nargs="?")
+    compat.take_exponents(parser)
+    for text in ("-5e-4", "-5E+4", "-.5e3", "-5.e3", "-5", "-0.5"):
+        assert parser.parse_args(["--at", text]).at == [float(text)]
+    for text in ("-5e", "-e4", "-x"):
+        with pytest.raises(SystemExit):
+            parser.parse_args(["--at", text])

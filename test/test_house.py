@@ -19,7 +19,7 @@ from valve_twin.core.simulation.faults import KINDS
 from valve_twin.core.valves.registry import DEFAULT_MODEL, get_model, model_names
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "valve_twin"
@@ -321,6 +321,25 @@ def test_only_compat_reaches_into_what_others_keep_private() -> None:
         for node, name in private_names(parse(path))
     ]
     assert not offences, "\n".join(offences)
+
+
+def unread_attributes(trees: Iterable[ast.AST]) -> set[str]:
+    """Return the private attributes that objects are given and that nothing reads."""
+    given: set[str] = set()
+    read: set[str] = set()
+    for node in (n for tree in trees for n in ast.walk(tree)):
+        if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Attribute):
+            read.add(node.target.attr)
+        elif isinstance(node, ast.Attribute):
+            (given if isinstance(node.ctx, ast.Store) else read).add(node.attr)
+    return {name for name in given - read if re.match("_[^_]", name)}
+
+
+def test_no_class_gives_its_base_what_that_keeps_private() -> None:
+    ours = [p for p in python_files(PACKAGE) if str(p.relative_to(PACKAGE)) not in REACHING]
+    assert unread_attributes(map(parse, ours)) == set()
+    source = "class E(F):\n    def g(self):\n        self._h = self._i\n        self._i = 1\n"
+    assert unread_attributes([ast.parse(source)]) == {"_h"}
 
 
 def test_the_search_for_private_things_finds_them() -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import sys
 from contextlib import suppress
 from functools import cache, partial
@@ -262,6 +263,14 @@ def destroy_state_machine(node: LifecycleNode) -> None:
     The state machine holds the node's handle; no issue is known. Goes when `destroy_node` does it.
     """
     node._state_machine.destroy_when_not_in_use()
+
+
+def take_exponents(parser: Any) -> None:
+    """Let a parser of arguments take -5e-4 for a number, as it does -0.0005, not for an option.
+
+    argparse knows none there (3.13.0 looked at); no issue is known. Goes when it does.
+    """
+    parser._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 
 
 def end_processes(pool: ProcessPoolExecutor) -> None:

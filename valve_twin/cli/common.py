@@ -8,7 +8,6 @@ import argparse
 import errno
 import math
 import os
-import re
 import signal
 import sys
 import threading
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TypeAlias, TypeVar
 
 from valve_twin.cli.output import shown
+from valve_twin.compat import take_exponents
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.whole import write_whole
 
@@ -38,17 +38,13 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-_NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
-"""Of its own argparse takes -5e-4 for an option."""
-
-
 class Parser(argparse.ArgumentParser):
     """Say what is wrong in one line; -5e-4 is a number."""
 
     def __init__(self, **given: object) -> None:
         """Make the parser, arguments as of `argparse.ArgumentParser`."""
         super().__init__(**given)  # type: ignore[arg-type]
-        self._negative_number_matcher = _NEGATIVE
+        take_exponents(self)
 
     def error(self, message: str) -> NoReturn:
         """End with the usage exit code."""
