@@ -44,10 +44,13 @@ class FirstReading:
             return self._ranked[1]
 
     def _rank(self, known: Mapping[str, tuple[Mark, ValveState]]) -> View:
-        waiting = [FleetRow(shown_name(name), evidence=WAITING, cycle=mark.cycle)
-                   for name, mark in self._marks.items() if name not in known]  # fmt: skip
-        return shown([state for _, state in known.values()], waiting, self._where,
-                      self._nameplates)  # fmt: skip
+        waiting = [
+            FleetRow(shown_name(name), evidence=WAITING, cycle=mark.cycle)
+            for name, mark in self._marks.items()
+            if name not in known
+        ]
+        states = [state for _, state in known.values()]
+        return shown(states, waiting, self._where, self._nameplates)
 
 
 def shown(

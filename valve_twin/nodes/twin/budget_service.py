@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.limits import bounded_memory
 from valve_twin.nodes.runtime.node import STEADY
-from valve_twin.nodes.runtime.worker import Outcome, WorkerProcess
+from valve_twin.nodes.runtime.worker import LAST, Outcome, WorkerProcess
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,10 +35,6 @@ MOST_S = 300.0
 
 MOST_B = 256_000_000
 """Memory that it gets beyond that of the imports [B]: 64 realisations of 850 samples take 5 MB."""
-
-NICENESS = 5
-"""Below an estimation, as the upkeep of a history; on top of that of `worker`. With 14 a budget
-of two realisations took four minutes beside four programs on two cores."""
 
 
 def compute_budget(
@@ -68,7 +64,7 @@ def compute_budget(
     # a twin that is not asked needs neither the simulation nor the writing of bags
     from valve_twin.io.offline.budget import configured_budget
 
-    os.nice(NICENESS)
+    os.nice(LAST)
     given = {"offset": sizes[0], "command_noise": sizes[1], "realisations": realisations}
     wanted = {name: size for name, size in given.items() if size}
     try:

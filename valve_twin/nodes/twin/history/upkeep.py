@@ -21,7 +21,7 @@ from valve_twin.io.history.store import History
 from valve_twin.io.history.tiers.extent import condensed, condensed_until, told
 from valve_twin.io.history.tiers.retention import Retention
 from valve_twin.nodes.runtime.node import STEADY
-from valve_twin.nodes.runtime.worker import WorkerProcess
+from valve_twin.nodes.runtime.worker import LAST, WorkerProcess
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,10 +37,6 @@ FIRST_S = 60.0
 
 EVERY_S = 86400.0
 """Whole days are condensed: once a day there is something to do [s]."""
-
-NICENESS = 5
-"""Below an estimation, which has NICENESS of `worker` already; with 10 more, two cores that four
-programs keep busy left it a seventieth of one."""
 
 
 def retention_of(given: TwinParameters) -> Retention | None:
@@ -121,7 +117,7 @@ def keep_up(work: Upkeep) -> list[str]:
 
 def keep_up_behind(work: Upkeep) -> list[str]:
     """Do `keep_up` when nothing else wants the processor; for a process that ends then."""
-    os.nice(NICENESS)
+    os.nice(LAST)
     return keep_up(work)
 
 
