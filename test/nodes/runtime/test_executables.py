@@ -32,9 +32,10 @@ def test_a_service_gives_way_to_those_of_other_sessions(leads):
     )
     priority, *group = done.stdout.split()
     assert int(priority) == os.getpriority(os.PRIO_PROCESS, 0) + 7
-    if GROUP.exists():
-        own = GROUP.read_text(encoding="ascii").split()[-1]
-        assert group[-1] == ("7" if leads else own)
+    if group and leads:  # Linux shows none where it groups by control groups alone
+        assert group[-1] == "7"
+    elif GROUP.exists():
+        assert group == GROUP.read_text(encoding="ascii").split()
 
 
 def test_of_two_services_that_begin_together_both_give_way(monkeypatch):
