@@ -8,12 +8,14 @@ import json
 import re
 import shutil
 import signal
+import socket
 import sqlite3
 import subprocess
 import sys
 import threading
 import time
 import urllib.error
+import urllib.parse
 import urllib.request
 from pathlib import Path
 
@@ -246,6 +248,53 @@ def test_the_linter_of_prometheus_finds_nothing(server):
         [program, "check", "metrics"], input=text, capture_output=True, text=True, check=False
     )
     assert (found.returncode, found.stdout + found.stderr) == (0, "")
+
+
+def test_prometheus_answers_every_query_of_the_dashboard(server, tmp_path):
+    """The program itself scrapes the server, as the page of docs sets it up."""
+    program = shutil.which("prometheus")
+    if program is None:
+        pytest.skip("prometheus is not on this machine: sudo apt install prometheus")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    target = server.address.removeprefix("http://")
+    job = {"job_name": "valves", "static_configs": [{"targets": [target]}]}
+    config = {"global": {"scrape_interval": "1s"}, "scrape_configs": [job]}
+    (tmp_path / "prometheus.yml").write_text(json.dumps(config), encoding="utf-8")
+    board = json.loads(
+        (Path(__file__).parents[2] / "layouts" / "grafana.json").read_text(encoding="utf-8")
+    )
+    queries = [
+        target["expr"].replace("$valve", ".*").replace("$parameter", ".*")
+        for panel in board["panels"]
+        for target in panel["targets"]
+    ]
+    files = [f"--config.file={tmp_path / 'prometheus.yml'}", f"--storage.tsdb.path={tmp_path}/db"]
+    with subprocess.Popen(
+        [program, *files, f"--web.listen-address=127.0.0.1:{port}"], stderr=subprocess.PIPE
+    ) as process:
+        reader = threading.Thread(target=process.stderr.read, daemon=True)
+        reader.start()
+        try:
+
+            def answer(query: str) -> list[object]:
+                asked = urllib.parse.urlencode({"query": query})
+                url = f"http://127.0.0.1:{port}/api/v1/query?{asked}"
+                try:
+                    with urllib.request.urlopen(url, timeout=30) as given:
+                        return list(json.loads(given.read())["data"]["result"])
+                except urllib.error.URLError as err:
+                    assert not isinstance(err, urllib.error.HTTPError), (query, err.read())
+                    return []  # not yet listening
+
+            wait_for(lambda: answer("valve_twin_history_up"))
+            unanswered = [query for query in queries if not answer(query)]
+        finally:
+            process.kill()
+            reader.join(30)
+    assert len(queries) > 10
+    assert unanswered == []
 
 
 def test_the_dashboard_asks_for_series_and_labels_that_there_are(server):
