@@ -81,7 +81,8 @@ def test_no_face_waits_for_the_first_reading_and_each_shows_the_valves_after_it(
     )
     level = logging.getLogger("asyncua").level
     try:
-        with faces(plant, given, lambda _: None) as foxglove:
+        with faces(plant, given, lambda _: None) as opened:
+            foxglove = opened.foxglove
             assert foxglove is not None
             assert not plant.news().whole  # open, and nothing is read
             assert set(foxglove._channels) == {"/diagnostics"}
@@ -111,8 +112,9 @@ def test_faces_whose_disk_is_read_only_are_said_once_and_opened_later_while_the_
             mqtt_state=str(disk.place / "marks" / "state"),
             foxglove=0,
         )
-        with faces(Plant(f"sqlite:///{path}"), given, told.append) as foxglove:
-            assert foxglove is not None
+        with faces(Plant(f"sqlite:///{path}"), given, told.append) as opened:
+            assert opened.foxglove is not None
+            assert opened.closed == tuple(told[:2])
             assert [t.partition(": ")[0] for t in told[:2]] == [
                 str(disk.place / "pki"),
                 str(disk.place / "marks" / "state"),
@@ -123,6 +125,7 @@ def test_faces_whose_disk_is_read_only_are_said_once_and_opened_later_while_the_
             disk.mount("remount,rw")
             until(lambda: len(told) == 5, "the two others")
             until((disk.place / "marks" / "state").exists, "the marks")
+            assert opened.closed == ()
         assert {t.split(" ")[0] for t in told[3:]} == {"OPC", "MQTT"}
         again = Backlog(disk.place / "marks" / "state", lambda *_: [], read_of(disk.place))
         again.close()  # nobody holds it any more

@@ -96,6 +96,34 @@ class Server:
         self.process.stderr.close()
 
 
+FAILS_LATE = """
+import sys, time
+from valve_twin.cli import main
+from valve_twin.gateway import plant
+from valve_twin.io.errors import StoreError
+
+def marks(_):
+    time.sleep(3.0)
+    raise StoreError("the database does not answer")
+
+plant.LATE_S, plant.History.marks = 0.1, marks
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_a_first_reading_that_fails_once_the_pages_are_served_is_told(tmp_path):
+    """The page alone said so, and whoever had started it read that all is well."""
+    path = tmp_path / "history.sqlite"
+    store(path, "/v", range(1, 3), 0.0)
+    server = Server(path, program=("-c", FAILS_LATE, "serve", "--port", "0"))
+    try:
+        assert "valves still to be assessed" in server.begun
+        wait_for(lambda: "the database does not answer; waiting" in server.said())
+        assert server.end() == 0
+    finally:
+        server.kill()
+
+
 INTERRUPTED = """
 import os, signal, sys
 import uvicorn.server

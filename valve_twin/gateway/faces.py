@@ -26,11 +26,32 @@ RETRY_S, LAST_RETRY_S = 5.0, 60.0
 the last one [s]."""
 
 
+class Faces:
+    """What is open of what was asked for.
+
+    Attributes
+    ----------
+    foxglove : FoxgloveFace or None
+        The one that takes live topics.
+    """
+
+    def __init__(self) -> None:
+        self.foxglove: FoxgloveFace | None = None
+        self._openings: list[_Opening] = []
+
+    def add(self, opening: _Opening) -> None:
+        """Keep one that may open later."""
+        self._openings.append(opening)
+
+    @property
+    def closed(self) -> tuple[str, ...]:
+        """Why those that are not open are not, as it was told."""
+        return tuple(opening.closed for opening in self._openings if opening.closed)
+
+
 @contextmanager
-def faces(
-    plant: Plant, given: FaceParameters, tell: Callable[[str], None]
-) -> Iterator[FoxgloveFace | None]:
-    """Open what is asked for, and close it at the end; yield the one that takes live topics.
+def faces(plant: Plant, given: FaceParameters, tell: Callable[[str], None]) -> Iterator[Faces]:
+    """Open what is asked for, and close it at the end.
 
     None waits for a first reading of the history: each shows its valves once that is done. One
     whose folder cannot be written says so and is opened once it can be; nothing waits for it.
@@ -49,22 +70,24 @@ def faces(
     ConfigError, ValveTwinError
         If one cannot be opened, in one line.
     """
+    made = Faces()
     with ExitStack() as stack:
         try:
             if given.opcua:
-                _open_opcua(stack, plant, given, tell)
+                made.add(_open_opcua(stack, plant, given, tell))
             if given.mqtt:
-                _open_mqtt(stack, plant, given, tell)
-            foxglove = _open_foxglove(stack, plant, given, tell) if given.foxglove >= 0 else None
+                made.add(_open_mqtt(stack, plant, given, tell))
+            if given.foxglove >= 0:
+                made.foxglove = _open_foxglove(stack, plant, given, tell)
         except ModuleNotFoundError as err:
             msg = f"{err.name} is missing: pip install valve_twin[gateway]"
             raise ConfigError(msg) from err
-        yield foxglove
+        yield made
 
 
 def _open_opcua(
     stack: ExitStack, plant: Plant, given: FaceParameters, tell: Callable[[str], None]
-) -> None:
+) -> _Opening:
     from valve_twin.gateway.opcua.access import Access
     from valve_twin.gateway.opcua.server import OpcUaFace
     from valve_twin.gateway.passwords import Passwords, read_users
@@ -80,12 +103,12 @@ def _open_opcua(
         within.callback(face.stop)
         return f"OPC UA at {face.start()}, certificates in {folder}"
 
-    _Opening(stack, opened, tell)
+    return _Opening(stack, opened, tell)
 
 
 def _open_mqtt(
     stack: ExitStack, plant: Plant, given: FaceParameters, tell: Callable[[str], None]
-) -> None:
+) -> _Opening:
     from valve_twin.gateway.mqtt.backlog import Backlog
     from valve_twin.gateway.mqtt.broker import Broker
     from valve_twin.gateway.mqtt.face import MqttFace
@@ -112,7 +135,7 @@ def _open_mqtt(
         within.callback(face.stop)
         return f"MQTT to {face.start()}"
 
-    _Opening(stack, opened, tell)
+    return _Opening(stack, opened, tell)
 
 
 class _Opening:
@@ -127,6 +150,11 @@ class _Opening:
     tell : callable
         Gets a line.
 
+    Attributes
+    ----------
+    closed : str
+        Why it is not open; empty = it is.
+
     Raises
     ------
     ValveTwinError
@@ -136,7 +164,7 @@ class _Opening:
     def __init__(
         self, stack: ExitStack, opened: Callable[[ExitStack], str], tell: Callable[[str], None]
     ) -> None:
-        self._opened, self._tell, self._told = opened, tell, ""
+        self._opened, self._tell, self.closed = opened, tell, ""
         self._within, self._end = ExitStack(), threading.Event()
         stack.callback(self._within.close)
         if self._is_open():
@@ -155,10 +183,11 @@ class _Opening:
             if not may_pass(err):
                 raise
             told = f"{err}; it is tried again, the other faces go on"
-            if told != self._told:
+            if told != self.closed:
                 self._tell(told)
-            self._told = told
+            self.closed = told
             return False
+        self.closed = ""
         self._tell(told)
         return True
 
@@ -169,7 +198,8 @@ class _Opening:
                 if self._is_open():
                     return
             except ValveTwinError as err:  # it is there, and says something else
-                self._tell(f"{err}; start anew")
+                self.closed = f"{err}; start anew"
+                self._tell(self.closed)
                 return
             pause_s = min(2.0 * pause_s, LAST_RETRY_S)
 

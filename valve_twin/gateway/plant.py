@@ -109,7 +109,8 @@ class Plant:
         self._states: dict[str, tuple[Mark, ValveState]] = {}
         self._courses: dict[str, tuple[float, ...]] = {}
         self._details = DetailsOf()
-        self._told_failure, self._failures, self._waits = "", 0, waits
+        self.waits = waits
+        self._told_failure, self._failures = "", 0
         self._passed = ""
         self._first, self._begun = threading.Event(), FirstReading("", {}, {}, {})
 
@@ -117,6 +118,11 @@ class Plant:
     def where(self) -> str:
         """The history, also before it is read."""
         return place_of(self._url)
+
+    @property
+    def failure(self) -> str:
+        """Why the history cannot be read, by the last reading; empty where it can."""
+        return self._or_late(self._view).failure
 
     @property
     def is_reading(self) -> bool:
@@ -332,7 +338,7 @@ class Plant:
             if not self._passed:
                 so_far = self._begun.view()  # empty but for a first reading
                 self._view = replace(so_far if so_far.rows else self._view, failure=str(err))
-                if self._view.read_ns or self._waits:
+                if self._view.read_ns or self.waits:
                     self._tell(str(err))
             self._begun = FirstReading("", {}, {}, {})
             self._failures += 1

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import subprocess
 import sys
 from datetime import datetime, timedelta, timezone
@@ -19,7 +20,8 @@ from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
 from test.small_disk import PAGE_B, small_disk
-from valve_twin.gateway.opcua.access import _load_own, check_pair
+from valve_twin.gateway.opcua import access
+from valve_twin.gateway.opcua.access import Access, check_pair
 from valve_twin.io.errors import ConfigError
 
 DAY = timedelta(days=1)
@@ -72,43 +74,45 @@ def test_a_key_of_another_certificate_is_refused(tmp_path):
         check_pair(tmp_path)
 
 
-class Taker:
-    """A server that takes whatever it is given."""
-
-    async def load_certificate(self, path) -> None:
-        self.certificate = path
-
-    load_private_key = load_certificate
-
-
 def test_a_disk_that_takes_only_one_of_a_new_pair_keeps_none_and_is_told_what_it_is(tmp_path):
     """The key stayed without its certificate, and had to be removed by hand for the next start."""
     with small_disk(tmp_path / "disk", "1m") as disk:
         disk.fill(PAGE_B)
         with pytest.raises(ConfigError, match="pki: cannot be written: No space left") as caught:
-            asyncio.run(_load_own(Taker(), disk.place / "pki"))
+            asyncio.run(Access(disk.place / "pki", anonymous=True).prepare())
         assert isinstance(caught.value.__cause__, OSError)  # by which a node tries again
         assert list((disk.place / "pki").iterdir()) == []
         disk.empty()
-        asyncio.run(_load_own(Taker(), disk.place / "pki"))
+        asyncio.run(Access(disk.place / "pki", anonymous=True).prepare())
         made = sorted((disk.place / "pki").iterdir())
         assert [path.name for path in made] == ["certificate.der", "key.pem"]
         assert made[1].stat().st_mode & 0o77 == 0
 
 
+def test_a_folder_that_another_program_keeps_locked_is_told(tmp_path, monkeypatch):
+    """A server waited for good, and its start took it for begun."""
+    fcntl = pytest.importorskip("fcntl")
+    monkeypatch.setattr(access, "TURN_S", 0.2)
+    held = os.open(tmp_path, os.O_RDONLY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with pytest.raises(ConfigError, match="another program has locked it for"):
+            asyncio.run(Access(tmp_path, anonymous=True).prepare())
+    finally:
+        os.close(held)
+    asyncio.run(Access(tmp_path, anonymous=True).prepare())
+    assert (tmp_path / "key.pem").exists()
+
+
 MAKE = """
 import asyncio, sys
 from pathlib import Path
-from valve_twin.gateway.opcua.access import _load_own
-
-class Taker:
-    async def load_certificate(self, path): pass
-    load_private_key = load_certificate
+from valve_twin.gateway.opcua.access import Access
 
 print("ready", flush=True)
 sys.stdin.readline()
 for n in range(10):
-    asyncio.run(_load_own(Taker(), Path(sys.argv[1]) / str(n)))
+    asyncio.run(Access(Path(sys.argv[1]) / str(n), anonymous=True).prepare())
 """
 
 

@@ -19,6 +19,8 @@ import pytest
 
 pytest.importorskip("starlette", reason="needs the extra gateway")
 
+from diagnostic_msgs.msg import DiagnosticArray
+
 from test.gateway.chromium import Browser
 from test.gateway.test_web import store
 from test.nodes.conftest import NS
@@ -28,6 +30,7 @@ from valve_twin.gateway.first_reading import WAITING
 from valve_twin.gateway.passwords import user_line
 from valve_twin.io.history.store import History
 from valve_twin.nodes.gateway.node import GatewayNode
+from valve_twin.nodes.runtime.diagnostics import OK, WARN
 
 FAKE = Path(__file__).with_name("fake_twin.py")
 MINUS = "\N{MINUS SIGN}"
@@ -320,6 +323,12 @@ def test_a_gateway_waits_for_its_disk_and_for_its_history_and_shows_both_faces_t
     path = tmp_path / "history.sqlite"
     with small_disk(tmp_path / "disk", "1m") as disk:
         disk.mount("remount,ro")
+        told = graph.record("/diagnostics", DiagnosticArray)
+
+        def pages() -> list[tuple[bytes, str]]:
+            found = [s for t in told for s in t.status if s.name.endswith("pages")]
+            return [(status.level, status.message) for status in found[-1:]]
+
         made = graph.start(
             "gateway",
             port=0,
@@ -329,6 +338,14 @@ def test_a_gateway_waits_for_its_disk_and_for_its_history_and_shows_both_faces_t
         )
         graph.spin_until(lambda: "cannot be written" in made.log, what="a word of the disk")
         graph.spin_until(lambda: "no such file: check the path; waiting" in made.log, 60.0, "it")
+        graph.spin_until(
+            lambda: any(
+                level == WARN and "no such file" in said and "cannot be written" in said
+                for level, said in pages()
+            ),
+            60.0,
+            "both on /diagnostics",
+        )
         store(path, NS, range(1, 4), 0.0)
         found = re.search(r"http://127\.0\.0\.1:\d+", made.log)
         assert found
@@ -342,6 +359,7 @@ def test_a_gateway_waits_for_its_disk_and_for_its_history_and_shows_both_faces_t
         disk.mount("remount,rw")
         graph.spin_until((disk.place / "marks" / "state").exists, what="the marks")
         graph.spin_until(lambda: "MQTT to 127.0.0.1:1" in made.log, what="a word of it")
+        graph.spin_until(lambda: pages() == [(OK, "ok")], 60.0, "it on /diagnostics")
         assert "cannot activate" not in made.log
         assert made.log.count("cannot be written") == 1
         assert "state: cannot be written: Read-only file system: make the disk" in made.log

@@ -208,6 +208,7 @@ def _opened(arguments: argparse.Namespace, stack: ExitStack) -> Callable[[], Non
         view = plant.view()  # it may have come to its end just now
         if view.failure:
             return fail(view.failure)
+    plant.waits = True  # a first reading that goes on may still fail
     try:
         listening = stack.enter_context(serving.listen(place))
     except ConfigError as err:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import asyncio
 import os
 import socket
+import time
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -42,6 +43,14 @@ APPLICATION = f"urn:{socket.gethostname()}:valve_twin:gateway"
 MOST_SESSIONS = 200
 """Sessions at a time [1]."""
 
+CERTIFICATE, KEY = "certificate.der", "key.pem"
+"""Files of the server's own pair."""
+
+TURN_S = 30.0
+"""To make a pair takes a second or two; who waits longer for another server to have made it is told
+[s]."""
+
+_LOOK_S = 0.05
 _POLICY = ua.SecurityPolicyType
 _REFUSED = {
     ua.ObjectIds.WriteRequest_Encoding_DefaultBinary,
@@ -83,8 +92,8 @@ class Access:
     passwords: Passwords | None = None
     anonymous: bool = False
 
-    async def apply(self, server: Server) -> None:
-        """Set a server up that has not started.
+    async def prepare(self) -> dict[bytes, str]:
+        """Return whose certificates are trusted; make the server's own where there is none.
 
         Raises
         ------
@@ -98,7 +107,21 @@ class Access:
                 f"{self.folder / 'trusted'}, or let anybody look by --anonymous"
             )
             raise ConfigError(msg)
-        await _load_own(server, self.folder)
+        await _provide_own(self.folder)
+        return trusted
+
+    async def apply(self, server: Server, trusted: dict[bytes, str]) -> None:
+        """Set a server up that has not started.
+
+        Parameters
+        ----------
+        server : Server
+            It.
+        trusted : dict of bytes to str
+            As `prepare` returned it.
+        """
+        await server.load_certificate(self.folder / CERTIFICATE)
+        await server.load_private_key(self.folder / KEY)
         rules = _LookOnly()
         policies = [_POLICY.Basic256Sha256_SignAndEncrypt, _POLICY.Basic256Sha256_Sign]
         tokens = [ua.X509IdentityToken]
@@ -226,8 +249,8 @@ def read_trusted(folder: Path) -> dict[bytes, str]:
     return found
 
 
-async def _load_own(server: Server, folder: Path) -> None:
-    certificate, key = pair = folder / "certificate.der", folder / "key.pem"
+async def _provide_own(folder: Path) -> None:
+    certificate, key = pair = folder / CERTIFICATE, folder / KEY
     try:
         if not all(path.exists() for path in pair):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -241,8 +264,6 @@ async def _load_own(server: Server, folder: Path) -> None:
             msg = f"{path}: is missing: put it beside the other, or remove both for new ones"
             raise ConfigError(msg)
     check_pair(folder)
-    await server.load_certificate(certificate)
-    await server.load_private_key(key)
 
 
 def check_pair(folder: Path) -> None:
@@ -253,7 +274,7 @@ def check_pair(folder: Path) -> None:
     ConfigError
         One line that names the file.
     """
-    certificate, key = folder / "certificate.der", folder / "key.pem"
+    certificate, key = folder / CERTIFICATE, folder / KEY
     try:
         own = x509.load_der_x509_certificate(certificate.read_bytes())
         fits = own.public_key() == load_pem_private_key(key.read_bytes(), None).public_key()
@@ -283,9 +304,19 @@ def _turn(folder: Path) -> Iterator[None]:
         yield
         return
     held = os.open(folder, os.O_RDONLY)
+    end_s = time.monotonic() + TURN_S
     try:
         with suppress(OSError):  # a file system without locks
-            fcntl.flock(held, fcntl.LOCK_EX)
+            while True:
+                try:
+                    fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    if time.monotonic() >= end_s:
+                        msg = f"{folder}: another program has locked it for {TURN_S:.0f} s: end it"
+                        raise ConfigError(msg) from None
+                    time.sleep(_LOOK_S)
+                else:
+                    break
         yield
     finally:
         os.close(held)

@@ -150,6 +150,7 @@ class OpcUaFace:
                 await server.stop()
 
     async def _made(self) -> Server:
+        trusted = await self._access.prepare()  # first: a disk that holds it up is tried again
         bound_arrays()
         server = Server(StandardServer())
         with uncollected():
@@ -168,7 +169,7 @@ class OpcUaFace:
         inner.max_connections, inner.max_subscriptions = 100, 200
         inner.max_unacked_messages_per_subscription = 100
         inner.max_monitored_item_queue_size = 100
-        await self._access.apply(server)
+        await self._access.apply(server, trusted)
         self._model = devices.DeviceModel(await server.register_namespace(devices.URI))
         self._index = await server.register_namespace(URI)
         build = Builder(server)

@@ -25,7 +25,7 @@ from valve_twin.nodes.gateway.live_feed import LiveFeed
 from valve_twin.nodes.gateway.readers import make_reader, own_context
 from valve_twin.nodes.gateway.service_marker import ServiceMarker
 from valve_twin.nodes.gateway.state_feed import StateFeed
-from valve_twin.nodes.runtime.diagnostics import Diagnostics, Report
+from valve_twin.nodes.runtime.diagnostics import WARN, Diagnostics, Report
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
 from valve_twin.nodes.twin.valve_parameters import read_valves
 
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from rclpy.context import Context
     from rclpy.node import Node
 
+    from valve_twin.gateway.faces import Faces
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.nodes.gateway.foxglove_relay import FoxgloveRelay
 
@@ -67,6 +68,7 @@ class GatewayNode(ValveNode):
         self._diagnostics: Diagnostics | None = None
         self._timer: Any = None
         self._faces = ExitStack()
+        self._opened: Faces | None = None
         self._relay: FoxgloveRelay | None = None
         self._state: StateFeed | None = None
         self._looks = 0
@@ -130,7 +132,8 @@ class GatewayNode(ValveNode):
             marker=self._marker,
             secure=self._place.secure,
         )
-        foxglove = self._faces.enter_context(faces(self._plant, self._given, self._tell))
+        self._opened = self._faces.enter_context(faces(self._plant, self._given, self._tell))
+        foxglove = self._opened.foxglove
         if foxglove is not None:
             from valve_twin.nodes.gateway.foxglove_relay import FoxgloveRelay
 
@@ -155,6 +158,7 @@ class GatewayNode(ValveNode):
             self._relay.end()
             self._relay = None
         self._faces.close()
+        self._opened = None
         for feed in self._feeds.values():
             feed.end()
         self._feeds, self._watched = {}, []
@@ -215,6 +219,11 @@ class GatewayNode(ValveNode):
             "valves": len(self._configs),
             "moving plots": len(self._watched),
         }
+        closed = self._opened.closed if self._opened is not None else ()
+        failure = self._plant.failure if self._plant is not None else ""
+        for problem in (failure, *closed):
+            if problem:
+                report.raise_to(WARN, problem)
         return [report]
 
 
