@@ -47,7 +47,7 @@ CERTIFICATE, KEY = "certificate.der", "key.pem"
 """Files of the server's own pair."""
 
 TURN_S = 30.0
-"""To make a pair takes a second or two; who waits longer for another server to have made it is told
+"""To make a pair takes a second or two; who waits longer for another one to have made it is told
 [s]."""
 
 _LOOK_S = 0.05
