@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from test.small_disk import small_disk
 from valve_twin.cli.common import check_writable
 from valve_twin.io.sealed import flush
 from valve_twin.io.whole import part_of, placed, sync_file, write_all, write_whole
@@ -142,16 +143,13 @@ def test_a_file_that_takes_no_more_is_flushed(tmp_path, monkeypatch):
     }
 
 
-def test_a_read_only_folder_is_told_with_the_file_that_was_asked_for(tmp_path, monkeypatch):
-    def refuse(self: Path, mode: str) -> None:
-        del mode
-        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(self))
-
-    path = tmp_path / "a.txt"
-    monkeypatch.setattr(Path, "open", refuse)
-    with pytest.raises(OSError, match="Read-only") as caught:
-        write_whole(path, "x")
-    assert caught.value.filename == str(path)
+def test_a_read_only_folder_is_told_with_the_file_that_was_asked_for(tmp_path):
+    with small_disk(tmp_path / "disk", "1m") as disk:
+        disk.mount("remount,ro")
+        path = disk.place / "a.txt"
+        with pytest.raises(OSError, match="Read-only") as caught:
+            write_whole(path, "x")
+        assert caught.value.filename == str(path)
 
 
 def test_a_link_is_followed_and_access_rights_stay(tmp_path):
@@ -168,6 +166,24 @@ def test_a_link_is_followed_and_access_rights_stay(tmp_path):
     with pytest.raises(FileNotFoundError):
         write_whole(link, "after")
     assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_private_file_is_private_while_it_is_written(tmp_path):
+    """Until it was complete, what took its place could be read by whoever the umask lets."""
+    target, seen = tmp_path / "users", []
+    target.write_text("old")
+    target.chmod(0o600)
+
+    def look(number: int) -> None:
+        seen.append(os.fstat(number).st_mode & 0o777)
+
+    before = os.umask(0)
+    try:
+        write_whole(target, "new", look)
+    finally:
+        os.umask(before)
+    assert seen[0] == 0o600
+    assert target.read_text() == "new"
 
 
 def test_a_pipe_is_written_in_place(tmp_path):

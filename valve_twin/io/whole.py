@@ -7,8 +7,10 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import stat
 import zlib
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, TypeVar
 
@@ -162,11 +164,15 @@ def sync_folder(folder: Path, sync: Callable[[int], object] | None = None) -> No
 def _written(part: Path, target: Path, data: bytes, sync: Callable[[int], object]) -> bool:
     """Write what is to take a file's place beside it; return whether the system let it."""
     try:
-        with part.open("wb") as file:
+        known = target.exists()
+        rights = stat.S_IMODE(target.stat().st_mode) if known else 0o666
+        with open(
+            part, "wb", opener=partial(os.open, mode=rights)
+        ) as file:  # private from the first
             file.write(data)
             file.flush()
             sync(file.fileno())  # else a power cut may leave the name with nothing behind it
-        if target.exists():
+        if known:
             shutil.copymode(target, part)
     except OSError as err:
         if err.errno in _KEPT and target.exists():
