@@ -19,6 +19,7 @@ import urllib.parse
 import urllib.request
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from test.io.history.test_fleet import estimate, record
@@ -265,6 +266,24 @@ def test_prometheus_reads_every_valve(server):
     assert -30.0 < drift < -20.0
     document = (Path(__file__).parents[2] / "docs" / "browser.md").read_text(encoding="utf-8")
     assert {s.name for s in samples} <= set(re.findall(r"valve_twin_\w+", document))
+
+
+def test_a_page_says_what_it_does_not_judge(tmp_path):
+    path, rng = tmp_path / "history.sqlite", np.random.default_rng(7)
+    with History(path) as history:
+        for cycle in range(1, 31):
+            gains = {name: 0.01 * (1.0 + 0.004 * rng.normal()) for name in ("K_in", "K_out")}
+            leak = {"leak": 1e-3 * (1.0 + 0.4 * rng.normal())}
+            history.store("/press", record(cycle), (estimate(cycle, gains | leak),))
+    server = Server(path)
+    try:
+        for address in ("/", "/valve/press"):
+            english, german = (server.get(f"{address}?lang={x}")[1] for x in ("en", "de"))
+            assert 'not judged: <span translate="no">leak</span>' in english, address
+            assert 'nicht beurteilt: <span translate="no">leak</span>' in german, address
+        assert server.end() == 0
+    finally:
+        server.kill()
 
 
 def test_the_linter_of_prometheus_finds_nothing(server):
