@@ -98,8 +98,7 @@ def cut_block(block: Block, part: slice | BoolArray) -> Block:
 def join_blocks(parts: Sequence[Block]) -> Block:
     """Concatenate consecutive blocks of samples (at least one) in their order.
 
-    An array that one of them lacks (None) is left out; a flag holds if it holds for all; anything
-    else is that of the last block.
+    An array that one lacks (None) is left out; a flag holds if all do; the rest is the last one's.
     """
     if len(parts) == 1:
         return parts[0]
@@ -124,8 +123,7 @@ class Frames:
     position : (N,) array
         Measured position, after scale and offset [1]; NaN where the input was not a finite number.
     inputs : (N, M) array
-        Commands in the order of the model's `inputs`, held from the last sample at or before the
-        stamp [1].
+        Commands as the model orders them, held from the last sample at or before the stamp [1].
     counter : (N,) array
         Cycle counter, NaN where none is mapped.
     reference : (N,) array
@@ -238,8 +236,9 @@ class Parameter:
         Name as published, SI unit ("1" = dimensionless), one line with the source.
     lower, upper, trend, resolution : float, float, bool, float
         Physical bounds, whether aging follows it, by what a drift is wider on both sides [unit].
-    fall : tuple of str
-        Its change over the command, and where it is given: names (`core.aging.cutting.falls`).
+    fall, sided : tuple of str
+        Names: its change over the command, and where it is given (`core.aging.cutting.falls`);
+        where another one is the same of another direction: what, and which direction this is.
     """
 
     name: str
@@ -250,6 +249,7 @@ class Parameter:
     trend: bool = False
     resolution: float = 0.0
     fall: tuple[str, ...] = ()
+    sided: tuple[str, str] | tuple[()] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -239,8 +239,7 @@ def valve_page(
     said : str
         What is to be said of what the visitor did.
     """
-    life = life_table(list(view.trends.get(row.valve, ())))
-    parameters = life._replace(head=[_plain_head(h) for h in life.head])
+    parameters = life_table(list(view.trends.get(row.valve, ())), remarks=False)
     return _page(
         "valve.html",
         visitor,
@@ -264,11 +263,6 @@ def valve_page(
 
 
 _COUNTERS_HEAD = ("Counter", "Value")
-
-
-def _plain_head(head: str) -> str:
-    """Return a heading without the remark below it."""
-    return str(head).partition("<small>")[0]
 
 
 def _facts(row: FleetRow, view: View) -> list[tuple[str, str, str]]:

@@ -166,7 +166,7 @@ def _spans(counters: Counters) -> Table:
 
 
 def _event_row(event: Event) -> list[str]:
-    seen = f"{event.acknowledged_by}: {event.acknowledged_note}".removesuffix(": ")
+    seen = ": ".join(filter(None, (event.acknowledged_by, event.acknowledged_note)))
     return [
         str(event.id),
         when(event.stamp_ns),

@@ -58,8 +58,8 @@ class Table(NamedTuple):
     caption: str = ""
 
 
-def life_table(trends: Sequence[Trend]) -> Table:
-    """Return drift and remaining life, one row a parameter."""
+def life_table(trends: Sequence[Trend], *, remarks: bool = True) -> Table:
+    """Return drift and remaining life, one row a parameter; with remarks below the headings."""
     axis = trends[0].axis if trends else "cycles"
     head = [
         ("Parameter", ""),
@@ -71,7 +71,9 @@ def life_table(trends: Sequence[Trend]) -> Table:
         (f"Remaining {axis}", "median, 95 % limits"),
         ("Service date", "median, early 95 % limit"),
     ]
-    return Table([noted(*h) for h in head], [_life_row(t) for t in trends])
+    return Table(
+        [noted(h, note if remarks else "") for h, note in head], [_life_row(t) for t in trends]
+    )
 
 
 def _life_row(t: Trend) -> list[str]:

@@ -99,6 +99,16 @@ def test_ok_names_each_parameter_of_which_it_says_nothing(history, scatter):
     assert unjudged(alone, found.trends[:1]) == ()
 
 
+def sided(names):
+    """Return parameters whose directions have nothing to do with their names."""
+    sides = {"up": "2", "down": "1"}
+    pairs = [name.split("_") for name in names]
+    return [
+        Parameter(n, "1", "", trend=True, sided=(pair[0], sides[pair[1]]) if pair[1:] else ())
+        for n, pair in zip(names, pairs, strict=True)
+    ]
+
+
 @pytest.mark.parametrize(("names", "ok"), [
     (("rate_up", "rate_down", "slew_up", "slew_down"), False),
     (("rate_up", "rate_down"), False),
@@ -111,9 +121,8 @@ def test_ok_is_not_said_where_no_cycle_tells_anything_of_a_direction(history, sc
     n = 30
     silent = np.full(n, np.nan)
     columns = {x: 1.0 + 1e-3 * scatter(4, n, 0.0) if "down" in x else silent for x in names}
-    parameters = [Parameter(name, "1", "", trend=True) for name in names]
     config = AgingConfig(thresholds=tuple(Threshold(name, 20.0) for name in names))
-    said = assess(history(**columns), (), config, parameters=parameters).verdict
+    said = assess(history(**columns), (), config, parameters=sided(names)).verdict
     assert said.kind is (VerdictKind.OK if ok else VerdictKind.NOT_ENOUGH_DATA)
     mute = ", ".join(x for x in names if x.endswith("_up"))
     told = f"one direction is not judged, no cycle told {mute}"
@@ -124,9 +133,8 @@ def test_ok_is_said_where_one_parameter_of_a_direction_tells_of_it(history, scat
     names, n = ("rate_up", "rate_down", "slew_up", "slew_down"), 30
     columns = {x: 1.0 + 1e-3 * scatter(i, n, 0.0) for i, x in enumerate(names)}
     columns["slew_up"][:] = np.nan
-    parameters = [Parameter(name, "1", "", trend=True) for name in names]
     config = AgingConfig(thresholds=tuple(Threshold(name, 20.0) for name in names))
-    said = assess(history(**columns), (), config, parameters=parameters).verdict
+    said = assess(history(**columns), (), config, parameters=sided(names)).verdict
     assert said.kind is VerdictKind.OK
 
 

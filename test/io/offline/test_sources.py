@@ -32,10 +32,10 @@ def test_every_cycle_is_told_the_files_that_it_comes_from(tmp_path, config):
             bag.write("/valve/run", encode_string(f"run_{k}"), log_ns=100 * (k + 1))
     cycles = [cycle(1, 100, 150), cycle(2, 160, 199), cycle(3, 250, 350), cycle(4, 110, 690)]
     assert cycle_files(config, bag_info(tmp_path / "bag"), cycles) == {
-        1: "run_0",
-        2: "run_0",
-        3: "run_1, run_2",
-        4: "run_0, run_1, run_2 and 3 more",
+        1: ("run_0",),
+        2: ("run_0",),
+        3: ("run_1", "run_2"),
+        4: ("run_0", "run_1", "run_2", "run_3", "run_4", "run_5"),
     }
 
 

@@ -20,6 +20,7 @@ from valve_twin.core.aging.cutting.falls import at_one_command
 from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.aging.drift import find_reference, nearest_limit, present_segment, with_drift
 from valve_twin.core.aging.life import axis_rate
+from valve_twin.core.aging.limits.beside import Beside, mute_direction
 from valve_twin.core.aging.limits.forecast import (
     CERTAIN,
     SCALE,
@@ -112,6 +113,8 @@ class TrendDetail:
         The line through each segment, None where it has fewer than 4 values.
     laws : LawFit or None
         What the present segment's values allow; None where it is not judged.
+    short : str
+        Reason of the trend without what else is to be known of it.
     """
 
     parameter: str
@@ -122,6 +125,7 @@ class TrendDetail:
     starts: IntArray
     lines: tuple[Line | None, ...]
     laws: LawFit | None = None
+    short: str = ""
 
 
 class _Now(NamedTuple):
@@ -208,7 +212,7 @@ def assess(
     begun = begun_anew(maintenance)
     failed = failed_checks(past, begun)
     over = lately_over(diagnosis, newest, begun)
-    beside = (clocks_beside(diagnosis), over, diagnosis.against, failed)
+    doubts = (clocks_beside(diagnosis), over, diagnosis.against, failed)
     verdict = decide(
         trends,
         config,
@@ -218,8 +222,12 @@ def assess(
         fault=diagnosis.present,
         stale=refused_lately(past),
         doubt=diagnosis.doubt or featureless(rows, past.features),
-        failed="; ".join(filter(None, beside)),
-        since=_first_compared(ordered, maintenance),
+        failed="; ".join(filter(None, doubts)),
+        beside=Beside(
+            _first_compared(ordered, maintenance),
+            mute_direction(zip(followed, (t.segments > 0 for t in trends), strict=True)),
+            {detail.parameter: detail.short for _, detail in results},
+        ),
     )
     verdict = held_back(verdict, diagnosis.departs, cycle=diagnosis.newest, odd=diagnosis.odd)
     verdict = with_hidden(verdict, past)
@@ -266,7 +274,8 @@ def _assess_parameter(
     )
     trend = _blank(name, parameter.unit, series, pieces, config, valve)
     if not len(series.values):
-        return altered(trend, reason="no accepted estimate yet"), detail
+        none = "no accepted estimate yet"
+        return altered(trend, reason=none), altered(detail, short=none)
     if len(history.axis) > 1:
         ends = rows.end_ns[-config.rate_cycles :]
         trend = altered(trend, cycle_rate=axis_rate(history.axis, ends, len(ends)))
@@ -285,7 +294,8 @@ def _assess_parameter(
     )
     caveats = _caveats(series, pieces, config) + describe_effects(effects) + changed
     caveats += f" ({config.label})" if config.label else ""
-    return altered(trend, reason=trend.reason + caveats), altered(detail, laws=laws)
+    detail = altered(detail, laws=laws, short=trend.reason)
+    return altered(trend, reason=trend.reason + caveats), detail
 
 
 def _blank(

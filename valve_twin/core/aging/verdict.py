@@ -38,13 +38,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from valve_twin.core.aging.limits.directions import mute_direction
+from valve_twin.core.aging.limits.beside import ALONE
 from valve_twin.core.diagnosis.changes.finding import CLOCK, FRESH, describe_finding
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.aging.config import AgingConfig
+    from valve_twin.core.aging.limits.beside import Beside
     from valve_twin.core.diagnosis.changes.finding import Finding, Stale
 
 
@@ -278,7 +279,7 @@ def decide(
     stale: Stale = FRESH,
     doubt: str = "",
     failed: str = "",
-    since: int = 1,
+    beside: Beside = ALONE,
 ) -> Verdict:
     """Return the verdict from all trends of one valve and its fault (rule: see the module).
 
@@ -303,8 +304,8 @@ def decide(
     failed : str
         What a stored reference says, and which checks the newest estimates fail; told behind the
         evidence.
-    since : int
-        First cycle that the newest ones are compared with.
+    beside : Beside
+        What is known beside the trends.
     """
     judged = [t for t in trends if t.status is not TrendStatus.NOT_ENOUGH_DATA]
     graves = [(concern(t, config), -t.remaining_median, t) for t in judged]
@@ -333,15 +334,16 @@ def decide(
     elif beyond := [t for t in judged if _may_be_beyond(t)]:
         kind = VerdictKind.NOT_ENOUGH_DATA
         evidence = f"perhaps beyond a limit: {describe(max(beyond, key=_share))}"
-    elif mute := mute_direction({t.parameter: t.segments > 0 for t in trends}):
+    elif beside.mute:
         kind = VerdictKind.NOT_ENOUGH_DATA
-        evidence = f"one direction is not judged, no cycle told {', '.join(mute)}"
+        evidence = f"one direction is not judged, no cycle told {', '.join(beside.mute)}"
     else:
         kind = VerdictKind.OK
         commissioned = all(t.reference_source == "commissioning" for t in judged)
-        own_only = "" if commissioned else _OWN_ONLY.format(since)
+        own_only = "" if commissioned else _OWN_ONLY.format(beside.since)
         largest = max([t for t in judged if not _unsaid(t)] or judged, key=_share)
-        excepted = "".join(f"{text}; " for t in trends if (text := _unsaid(t)))
+        why = {t.parameter: t.reason for t in trends} | dict(beside.short)
+        excepted = "".join(f"{said}; " for t in trends if (said := _unsaid(t, why[t.parameter])))
         evidence = f"{excepted}{own_only}largest drift: {describe(largest)}"
     evidence += f"; {failed}" if failed else ""
     return Verdict(stamp_ns, valve, kind, kind.text, evidence, cycle, named)
@@ -352,10 +354,10 @@ def unjudged(verdict: Verdict, trends: Sequence[Trend]) -> tuple[str, ...]:
     return tuple(t.parameter for t in trends if verdict.kind is VerdictKind.OK and _unsaid(t))
 
 
-def _unsaid(trend: Trend) -> str:
+def _unsaid(trend: Trend, why: str = "") -> str:
     """Return why "ok" says nothing of a parameter, or not that it is within its limit, or ""."""
     if trend.status is TrendStatus.NOT_ENOUGH_DATA:
-        return f"nothing is said of {trend.parameter}: {trend.reason.partition(';')[0]}"
+        return f"nothing is said of {trend.parameter}: {why}"
     if not max(_covered(trend), default=np.nan) >= 1.0:  # nor where it is not known
         return ""
     low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95

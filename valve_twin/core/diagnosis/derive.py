@@ -232,7 +232,14 @@ def derive(
                 )
         advance()
     rows = tuple(_short(row, 5) for row in covariance)
-    return SignatureTable(followed.names, rows, tuple(floor.tolist()), tuple(signatures))
+    return SignatureTable(
+        followed.names,
+        rows,
+        tuple(floor.tolist()),
+        tuple(signatures),
+        gains=followed.gains,
+        slopes=followed.slopes,
+    )
 
 
 def _sizes(small: float, factors: tuple[float, ...], most: float) -> list[float]:

@@ -275,7 +275,7 @@ def _gross(
     """Name what takes most features away: a frozen sensor, gains fallen to less than a tenth."""
     before, after = vectors[: later.start], vectors[later]
     newest = after[-1]
-    gains = [i for i, n in enumerate(table.features) if n.startswith("gain_")]
+    gains = [table.features.index(name) for name in table.gains]
     fallen = newest[gains] - np.median(filled(before, len(before))[:, gains], axis=0)
     fallen = fallen[np.isfinite(fallen)]
     noise = 0.0 if "sensor_noise" in table.faults else more_noise(before, after, table)

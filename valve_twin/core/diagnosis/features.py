@@ -46,12 +46,15 @@ class FeatureSet:
     ----------
     names : tuple of str
         The F features, in the order in which the valve returns them. A feature `repeats`, the
-        share of samples that repeat the one before, shows a frozen sensor; those that begin with
-        `gain_` show by a common fall that nothing moves.
+        share of samples that repeat the one before, shows a frozen sensor.
     relative : frozenset of str
         Features whose changes count relative to themselves: their logarithm is followed.
     shares : tuple of str
         Features that count samples: one sample more or less is their least deviation.
+    gains : tuple of str
+        Features that show by a common fall that nothing moves.
+    slopes : tuple of str
+        Features of a valve that may be of either sign on sound valves and differ by their size.
     first_sizes : mapping of str to float
         By fault that is named, the size at which the search for a small one begins [unit of the
         fault]; what is found does not depend on it.
@@ -78,6 +81,8 @@ class FeatureSet:
     across: Mapping[str, float] = field(default_factory=dict, hash=False)
     of_any_valve: bool = False
     by_model: bool = False
+    gains: tuple[str, ...] = ()
+    slopes: tuple[str, ...] = ()
 
     def vector(self, values: Iterable[ParameterValue]) -> FloatArray:
         """Return the features as they are followed, (F,) in the order of `names`.

@@ -22,6 +22,8 @@ def table_source(table: SignatureTable) -> str:
         "covariance": _rows(table.covariance),
         "floor": json.dumps(table.floor),
         "levels": json.dumps(table.levels),
+        "gains": json.dumps(table.gains),
+        "slopes": json.dumps(table.slopes),
         "signatures": _rows(signatures),
     }
     return "{\n" + ",\n".join(f'"{name}": {text}' for name, text in parts.items()) + "\n}\n"
@@ -41,8 +43,10 @@ def read_table(package: str) -> SignatureTable:
         Signature(fault, size, tuple(change), tuple(scatter))
         for fault, size, change, scatter in given["signatures"]
     )
-    features, floor = tuple(given["features"]), tuple(given["floor"])
-    return SignatureTable(features, covariance, floor, signatures, levels)
+    features, floor, gains, slopes = (
+        tuple(given[part]) for part in ("features", "floor", "gains", "slopes")
+    )
+    return SignatureTable(features, covariance, floor, signatures, levels, gains, slopes)
 
 
 def _rows(rows: Iterable[object]) -> str:

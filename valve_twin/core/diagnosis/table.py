@@ -168,6 +168,8 @@ class SignatureTable:
     levels : tuple of (str, float)
         Features that are roots of sums of squares, and their logarithm on that healthy valve: a
         fault adds squares, so that it changes the logarithm of a greater one less.
+    gains, slopes : tuple of str
+        As `FeatureSet` has them.
     """
 
     features: tuple[str, ...]
@@ -175,6 +177,8 @@ class SignatureTable:
     floor: tuple[float, ...]
     signatures: tuple[Signature, ...]
     levels: tuple[tuple[str, float], ...] = ()
+    gains: tuple[str, ...] = ()
+    slopes: tuple[str, ...] = ()
     _hash: int = field(init=False, repr=False, compare=False, default=0)
 
     def __post_init__(self) -> None:

@@ -194,8 +194,8 @@ def advise(verdict: Verdict, trends: Sequence[Trend] = ()) -> Advice:
     return advice
 
 
-DIAGNOSIS = "diagnosis."
-"""With what the codes of the faults of nodes begin that a verdict names; their subject is it."""
+DIAGNOSED = {part: f"diagnosis.{part}" for part in ("valve", "command", "sensor", "supply")}
+"""By what has a fault that a verdict names, its code as a fault of a node; its subject is it."""
 
 
 def state_of(code: str, subject: str = "") -> Ne107:
@@ -206,7 +206,7 @@ def state_of(code: str, subject: str = "") -> Ne107:
     code, subject : str
         As it is filed: the subject of a fault that a verdict names is its name.
     """
-    named = FAULT_ADVICE.get(subject) if code.startswith(DIAGNOSIS) else None
+    named = FAULT_ADVICE.get(subject) if code in DIAGNOSED.values() else None
     return NODE_FAULTS.get(code, Ne107.CHECK_FUNCTION) if named is None else named.ne107
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.diagnosis.changes.finding import UNKNOWN
 from valve_twin.core.diagnosis.table import FAULT_TYPES
-from valve_twin.core.faults.advice import DIAGNOSIS, FAULT_ADVICE
+from valve_twin.core.faults.advice import DIAGNOSED, FAULT_ADVICE
 from valve_twin.core.faults.lifetime import FaultKind, Severity
 from valve_twin.core.faults.ne107 import Ne107
 
@@ -223,7 +223,7 @@ _STORE = (
 )
 
 _DIAGNOSIS = tuple(
-    FaultKind(f"{DIAGNOSIS}{part}", _WARN, meaning, _AS_NAMED, heal_s=inf)
+    FaultKind(DIAGNOSED[part], _WARN, meaning, _AS_NAMED, heal_s=inf)
     for part, meaning in (
         ("valve", "What the valve does has changed suddenly; the subject names the fault."),
         ("command", "Commands do not reach the valve as they are; the subject names the fault."),
@@ -322,7 +322,7 @@ def diagnosed(part: str, advice: Advice) -> FaultKind:
     advice : Advice
         What the verdict asks for: it gives state, severity and remedy.
     """
-    kind = _BY_CODE[f"{DIAGNOSIS}{part}"]
+    kind = _BY_CODE[DIAGNOSED[part]]
     return replace(
         kind,
         severity=advice.severity,
@@ -356,7 +356,7 @@ def fault_reference() -> str:
 
 def _named(kind: FaultKind) -> list[Advice]:
     """Return the advices of all faults that may be the subject of a kind."""
-    return [a for name, a in FAULT_ADVICE.items() if kind.code == f"{DIAGNOSIS}{_PARTS[name]}"]
+    return [a for name, a in FAULT_ADVICE.items() if kind.code == DIAGNOSED[_PARTS[name]]]
 
 
 def _severity(kind: FaultKind) -> str:

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from valve_twin.core.operation.stroke_test import StrokeTest
 
-_AREA = "stroke_test."
-STROKE_CODES = tuple(_AREA + v.value for v in (StrokeVerdict.PASS, StrokeVerdict.FAIL))
+_VERDICTS = {f"stroke_test.{v.value}": v for v in (StrokeVerdict.PASS, StrokeVerdict.FAIL)}
+STROKE_CODES = tuple(_VERDICTS)
 """Codes of the entries of stroke tests."""
 
 _DAY_NS = 86_400 * 10**9
@@ -75,7 +75,8 @@ def stroke_event(stamp_ns: int, found: StrokeTest) -> Event:
     text = f"a stroke of {found.stroke:.4g} was tested: {found.verdict.value}"
     text += f", not kept: {wrong}" if wrong else ""
     status = Ne107.GOOD if passed else Ne107.FAILURE
-    return Event(stamp_ns, 0, _AREA + found.verdict.value, status.value, text)
+    code = next(code for code, verdict in _VERDICTS.items() if verdict is found.verdict)
+    return Event(stamp_ns, 0, code, status.value, text)
 
 
 def stroke_due(events: Iterable[Event], now_ns: int, interval_days: float) -> StrokeDue:
@@ -96,4 +97,4 @@ def stroke_due(events: Iterable[Event], now_ns: int, interval_days: float) -> St
     last = max(tests, key=lambda e: (e.stamp_ns, e.id))
     since = max(now_ns - last.stamp_ns, 0) / _DAY_NS
     until = interval_days - since if interval_days > 0.0 else math.nan
-    return StrokeDue(last.stamp_ns, last.code.removeprefix(_AREA), since, until)
+    return StrokeDue(last.stamp_ns, _VERDICTS[last.code].value, since, until)

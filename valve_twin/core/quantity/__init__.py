@@ -22,7 +22,7 @@ from valve_twin.core.quantity.declare import (
     records,
     setting,
 )
-from valve_twin.core.quantity.names import suggest
+from valve_twin.core.quantity.names import listed, nearest, suggest
 from valve_twin.core.quantity.tree import (
     QuantityError,
     check_quantities,
@@ -43,6 +43,8 @@ __all__ = [
     "declared",
     "describe",
     "example",
+    "listed",
+    "nearest",
     "needed",
     "quantity",
     "records",

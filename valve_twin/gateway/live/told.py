@@ -11,7 +11,7 @@ import threading
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from valve_twin.core.faults.advice import DIAGNOSIS
+from valve_twin.core.faults.advice import DIAGNOSED
 from valve_twin.io.history.fleet import FleetOrder, FleetRow, judged, ranked
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ class Told:
 
 def _as_told(fault: NodeFault, verdict: Verdict | None, row: FleetRow | None) -> NodeFault:
     """Return a fault with the state of the valve's verdict where that names the same one."""
-    if verdict is None or row is None or not fault.code.startswith(DIAGNOSIS):
+    if verdict is None or row is None or fault.code not in DIAGNOSED.values():
         return fault
     return replace(fault, told=row.ne107) if verdict.fault == fault.subject else fault
 

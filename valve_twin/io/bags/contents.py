@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin.core.quantity import suggest
+from valve_twin.core.quantity import nearest
 from valve_twin.io.bags.folder import bag_files
 from valve_twin.io.cdr.bag_types import BagTypes
 from valve_twin.io.cdr.message_types import known_type_name
@@ -203,9 +203,10 @@ def missing_topic(path: str | Path, topic: str, what: str, names: Sequence[str])
     names : sequence of str
         The topics that there are.
     """
-    hint = suggest(topic, names)
-    there = f" there are {', '.join(names)}" if hint.startswith("did you") else ""
-    return BagError(f"{path}: topic '{topic}'{what} is not in the bag; {hint}{there}")
+    near = nearest(topic, names)
+    there = f"there are {', '.join(names)}" if names else "there are none"
+    hint = there if near is None else f"did you mean '{near}'? {there}"
+    return BagError(f"{path}: topic '{topic}'{what} is not in the bag; {hint}")
 
 
 def compare_with_data(path: str | Path) -> None:

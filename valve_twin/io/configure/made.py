@@ -54,11 +54,11 @@ def better_difference(
     if kind != _PRESSURE or not 2 <= len(names) <= _MOST or not commands:
         return survey, list(pairs)
     made = {
-        difference(a, b): a
+        difference(a, b): (a, b)
         for a, b in combinations(names, 2)
         if unit_of(survey, a) == unit_of(survey, b)
     }
-    tried = add_channels(survey, made, (_PRESSURE,))
+    tried = add_channels(survey, {name: a for name, (a, _) in made.items()}, (_PRESSURE,))
     found = [
         pair
         for name in made
@@ -71,8 +71,7 @@ def better_difference(
     best = max(found, key=lambda p: p.arx, default=None)
     if best is None or best.arx < least:
         return survey, list(pairs)
-    first = made[best.answer]
-    second = best.answer.removeprefix(difference(first, ""))
+    first, second = made[best.answer]
     if best.correlation < 0.0:
         name = difference(second, first)
         added = add_channels(survey, {name: first}, (_PRESSURE,))

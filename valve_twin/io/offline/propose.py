@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
-from valve_twin.core.quantity import describe, suggest
+from valve_twin.core.quantity import describe, listed, suggest
 from valve_twin.core.survey.pairs import Signal
 from valve_twin.core.survey.record import Proposal, Role, propose
 from valve_twin.core.survey.sides import compare_sides, difference_of
@@ -157,8 +157,7 @@ def _still(signals: Mapping[str, Signal]) -> dict[str, float]:
 def _nothing(
     bag: str | Path, sources: dict[str, SignalSource], position: str, still: Mapping[str, float]
 ) -> str:
-    names = ", ".join(list(sources)[:_NAMED]) or "none"
-    more = f" and {len(sources) - _NAMED} more" if len(sources) > _NAMED else ""
+    names = listed(list(sources), _NAMED) or "none"
     moved = f"'{position}'" if position else "a position"
     remedy = "write the configuration by hand"
     if not position and sources:
@@ -166,7 +165,7 @@ def _nothing(
     never = ", ".join(f"{k} stays at {v:.4g}" for k, v in list(still.items())[:_NAMED])
     return (
         f"{bag}: no command that moves {moved} was found among its numeric fields "
-        f"({names}{more}); {f'{never}; ' if never else ''}{remedy}"
+        f"({names}); {f'{never}; ' if never else ''}{remedy}"
     )
 
 

@@ -15,6 +15,7 @@ from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.gaps import count_paused
 from valve_twin.core.operation.counters import Counters, cycle_duty
 from valve_twin.core.prediction import fit_percent
+from valve_twin.core.quantity import listed
 from valve_twin.core.signal_clocks import ClockOffset, SignalClocks
 from valve_twin.core.twin import Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Prediction, join_blocks
@@ -24,6 +25,7 @@ from valve_twin.io.history.tables import CycleRecord, cycle_record
 from valve_twin.io.offline.large_rounds import LARGE_S, in_large_rounds
 from valve_twin.io.offline.make_twin import make_twin
 from valve_twin.io.offline.sources import NOT_MEASURED, cycle_files
+from valve_twin.io.tables.json_lines import FILES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -37,7 +39,6 @@ if TYPE_CHECKING:
     from valve_twin.io.config.valve import ValveConfig
 
 _REASONS = 3  # told of refused cycles
-_FILES = 3  # named with a kind of refusal
 
 COMPARED = 5
 """Newest cycles on which a model is compared with its baselines."""
@@ -86,7 +87,7 @@ class Record:
     normalised: bool = False
     driven: list[int] = field(default_factory=list)
     counters: Counters = field(default_factory=Counters)
-    files: dict[int, str] = field(default_factory=dict)
+    files: dict[int, tuple[str, ...]] = field(default_factory=dict)
     _running: dict[int, list[Prediction]] = field(default_factory=dict)
 
     def add(self, event: Event) -> None:
@@ -366,15 +367,14 @@ def describe_refused(bag: str | Path, record: Record) -> list[str]:
 
 def _of_files(record: Record, refused: list[Estimate], code: str) -> str:
     """Name the imported files of refused cycles where these are not of all files."""
-    found = [record.files.get(e.cycle, "") for e in refused if e.reason_code == code]
+    found = [record.files.get(e.cycle, ()) for e in refused if e.reason_code == code]
     names, known = (
-        list(dict.fromkeys(name for text in texts if text for name in text.split(", ")))
-        for texts in (found, record.files.values())
+        list(dict.fromkeys(name for names in of for name in names))
+        for of in (found, record.files.values())
     )
     if not names or len(names) == len(known):
         return ""
-    more = f" and {len(names) - _FILES} more" if len(names) > _FILES else ""
-    return f" ({', '.join(names[:_FILES])}{more})"
+    return f" ({listed(names, FILES)})"
 
 
 def assess_record(config: ValveConfig, record: Record) -> Assessment:

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.io.history.tables import CycleRecord
 
-_MOST = 3  # names of a cycle that spans several files; the rest is counted
-
 NOT_MEASURED = (
     "Times are NOT MEASURED: the files state none, or no unit (csv.times_measured); rates, time "
     "constants, delays, hours and dates are as doubtful as the time that was assumed."
@@ -30,7 +28,7 @@ NOT_MEASURED = (
 
 def cycle_files(
     config: ValveConfig, bag: BagInfo, cycles: Sequence[CycleRecord]
-) -> dict[int, str]:
+) -> dict[int, tuple[str, ...]]:
     """Return by the number of a cycle the imported files that it comes from.
 
     Parameters
@@ -59,7 +57,6 @@ def cycle_files(
     for cycle in cycles:
         first = max(bisect_right(starts, cycle.start_ns) - 1, 0)
         own = names[first : max(bisect_left(starts, cycle.end_ns), first + 1)]
-        more = f" and {len(own) - _MOST} more" if len(own) > _MOST else ""
         if own:
-            found[cycle.cycle] = ", ".join(own[:_MOST]) + more
+            found[cycle.cycle] = tuple(own)
     return found

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.diagnosis.generic.reference import published
 from valve_twin.core.faults.advice import advise
+from valve_twin.core.quantity import listed
 from valve_twin.core.records import columns, flat, once_a_record
 from valve_twin.core.types import ParameterStatus
 from valve_twin.core.valves.registry import get_model
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
 
 _line = json.JSONEncoder(allow_nan=False).encode
 """One record as a line of JSON."""
+
+FILES = 3
+"""Files that are named where there are many; the others are counted [1]."""
 
 _FIRST = (
     "kind", "valve", "model", "estimator", "cycle", "start_ns", "end_ns", "names", "units",
@@ -68,7 +72,7 @@ def json_lines(
     assessment: Assessment | None,
     valve: str,
     counters: Counters | None = None,
-    files: Mapping[int, str] | None = None,
+    files: Mapping[int, Sequence[str]] | None = None,
 ) -> Iterator[str]:
     """Yield one line of JSON an estimate, a trend, the verdict, what it asks for, the counters.
 
@@ -88,7 +92,7 @@ def json_lines(
     for estimate in estimates:
         fields = estimate_fields(estimate, valve)
         if files:
-            fields["file"] = files.get(estimate.cycle, "")
+            fields["file"] = listed(files.get(estimate.cycle, ()), FILES)
         yield _line(fields)
     if assessment is None:
         return

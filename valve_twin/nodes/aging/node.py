@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.aging.verdict import TrendStatus
 from valve_twin.core.diagnosis.changes.finding import describe_finding
-from valve_twin.core.faults.advice import DIAGNOSIS, advise
+from valve_twin.core.faults.advice import DIAGNOSED, advise
 from valve_twin.core.faults.kinds import diagnosed
 from valve_twin.core.faults.lifetime import Severity
 from valve_twin.io.config.node_parameters import AgingMonitorParameters
@@ -120,10 +120,10 @@ class AgingMonitorNode(ValveNode):
         """Report the fault that the verdict names under the part that has it, and no other."""
         found = valve.assessment
         named = found.named if found is not None else None
-        told = (f"{DIAGNOSIS}{named.part}", named.fault) if named is not None else ("", "")
+        told = (DIAGNOSED[named.part], named.fault) if named is not None else ("", "")
         for fault in self.faults.faults(valve.name):
             filed = fault.kind.code, fault.subject
-            if fault.kind.code.startswith(DIAGNOSIS) and filed != told:
+            if fault.kind.code in DIAGNOSED.values() and filed != told:
                 self.faults.passed(fault.kind.code, valve=valve.name, subject=fault.subject)
         if found is not None and named is not None:
             kind = diagnosed(named.part, advise(found.verdict, found.trends))

@@ -45,7 +45,9 @@ def test_a_model_with_signatures_keeps_its_own():
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_signatures_fit_the_features_and_hold_every_fault(name):
     table = table_of(get_model(name))
-    assert table.features == get_model(name).feature_set.names
+    followed = get_model(name).feature_set
+    assert table.features == followed.names
+    assert (table.gains, table.slopes) == (followed.gains, followed.slopes)
     assert set(FAULTS) <= set(table.faults)
     assert np.isfinite(table.changes()).all()
 

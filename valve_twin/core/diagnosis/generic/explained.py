@@ -43,15 +43,8 @@ _LATER = np.concatenate((np.arange(0.5, 4.0, 0.5), np.geomspace(4.0, 60.0, 11)))
 _WAVES = np.geomspace(7.0, 32.0, 40)
 """Periods of an oscillation that are tried, those of `FAULTS` and a little beyond [samples]."""
 
-_SHAPES = (
-    "lost_motion",
-    "end_stop_upper",
-    "end_stop_lower",
-    "delay",
-    "slow",
-    "slow_up",
-    "slow_down",
-)
+_SLOWED = ("slow", "slow_up", "slow_down")
+_SHAPES = ("lost_motion", "end_stop_upper", "end_stop_lower", "delay", *_SLOWED)
 """Faults whose response is that of `FAULTS`, size by size."""
 
 NAMED = ("sensor_gain", "command_loss", "oscillation", "sticking", *_SHAPES)
@@ -117,7 +110,7 @@ def values(record: Record) -> list[ParameterValue]:
 def _sizes(name: str, period_s: float) -> FloatArray:
     if name == "delay":
         return np.asarray(_LATER * period_s)
-    return _SLOWER if name.startswith("slow") else _WIDTHS
+    return _SLOWER if name in _SLOWED else _WIDTHS
 
 
 def _left(off: FloatArray) -> float:

@@ -57,7 +57,9 @@ NAMES = tuple(p.name for p in FEATURES)
 ROOTS = (NOISE, MOVE_NOISE, "rough_rest", ROUGH_MOVE)
 """Features that are roots of sums of squares."""
 
-RELATIVE = frozenset((*ROOTS, "gain_up", "gain_down"))
+GAINS = ("gain_up", "gain_down")
+
+RELATIVE = frozenset((*ROOTS, *GAINS))
 
 SHARES = ("repeats", UNFOLLOWED, "saturated")
 
@@ -146,6 +148,8 @@ def feature_set(
         least={n: x for n, x in _LEAST.items() if n in names} | dict(least or {}),
         of_any_valve=True,
         by_model=by_model,
+        gains=(*(n for n in GAINS if n in names), *extra.gains),
+        slopes=extra.slopes,
     )
 
 

@@ -127,7 +127,7 @@ def _assumed(table: SignatureTable, reference: FeatureReference) -> FloatArray:
     share = {True: _SLOPE * np.abs(level).mean(axis=0), False: np.zeros(len(table.features))}
     return np.array(
         [
-            _ASSUMED if n.startswith("gain_") else share[n.endswith("_slope")][k]
+            _ASSUMED if n in table.gains else share[n in table.slopes][k]
             for k, n in enumerate(table.features)
         ]
     )

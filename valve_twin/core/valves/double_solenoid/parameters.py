@@ -26,8 +26,22 @@ if TYPE_CHECKING:
 ESTIMATOR = "balance"
 
 PARAMETERS = (
-    Parameter("resistance_a", "ohm", "coil A, from its flux balance", 0.0, trend=True),
-    Parameter("resistance_b", "ohm", "coil B, from its flux balance", 0.0, trend=True),
+    Parameter(
+        "resistance_a",
+        "ohm",
+        "coil A, from its flux balance",
+        0.0,
+        trend=True,
+        sided=("resistance", "a"),
+    ),
+    Parameter(
+        "resistance_b",
+        "ohm",
+        "coil B, from its flux balance",
+        0.0,
+        trend=True,
+        sided=("resistance", "b"),
+    ),
     Parameter(
         "force_gain",
         "1",

@@ -68,8 +68,16 @@ FOLLOWED = (
         "from a step of the command over this range to 63 % of the answer, rising command",
         0.0,
         trend=True,
+        sided=("response", "rising"),
     ),
-    Parameter("response_falling", "s", "the same, falling command", 0.0, trend=True),
+    Parameter(
+        "response_falling",
+        "s",
+        "the same, falling command",
+        0.0,
+        trend=True,
+        sided=("response", "falling"),
+    ),
 )
 """What does not depend on the blocks that were chosen."""
 

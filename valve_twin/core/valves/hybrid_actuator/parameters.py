@@ -16,10 +16,36 @@ from valve_twin.core.valves.kit.tolerances import tolerance_section
 ESTIMATOR = "flight"
 
 PARAMETERS = (
-    Parameter("resistance_opener", "ohm", "coil of the opening solenoid", 0.0, trend=True),
-    Parameter("resistance_closer", "ohm", "coil of the closing solenoid", 0.0, trend=True),
-    Parameter("inductance_opener", "H", "opening solenoid at its seat, small current", 0.0),
-    Parameter("inductance_closer", "H", "closing solenoid at its seat, small current", 0.0),
+    Parameter(
+        "resistance_opener",
+        "ohm",
+        "coil of the opening solenoid",
+        0.0,
+        trend=True,
+        sided=("resistance", "opener"),
+    ),
+    Parameter(
+        "resistance_closer",
+        "ohm",
+        "coil of the closing solenoid",
+        0.0,
+        trend=True,
+        sided=("resistance", "closer"),
+    ),
+    Parameter(
+        "inductance_opener",
+        "H",
+        "opening solenoid at its seat, small current",
+        0.0,
+        sided=("inductance", "opener"),
+    ),
+    Parameter(
+        "inductance_closer",
+        "H",
+        "closing solenoid at its seat, small current",
+        0.0,
+        sided=("inductance", "closer"),
+    ),
     Parameter("spring_rate", "N/m", "both springs together (k of paper 001)", 0.0, trend=True),
     Parameter("damping", "N s/m", "viscous damping (c of paper 001)", 0.0, trend=True),
     Parameter(
@@ -30,13 +56,35 @@ PARAMETERS = (
     Parameter("natural_frequency", "rad/s", "sqrt(k/m) without magnets", 0.0),
     Parameter("damping_ratio", "1", "c/(2 sqrt(m k)): the printed formula lacks the 2", 0.0),
     Parameter(
-        "seating_speed_open", "m/s", "speed at the first contact when opening", 0.0, trend=True
+        "seating_speed_open",
+        "m/s",
+        "speed at the first contact when opening",
+        0.0,
+        trend=True,
+        sided=("seating_speed", "open"),
     ),
     Parameter(
-        "seating_speed_closed", "m/s", "speed at the first contact when closing", 0.0, trend=True
+        "seating_speed_closed",
+        "m/s",
+        "speed at the first contact when closing",
+        0.0,
+        trend=True,
+        sided=("seating_speed", "closed"),
     ),
-    Parameter("flight_time_open", "s", "first motion to first contact, opening", 0.0),
-    Parameter("flight_time_closed", "s", "first motion to first contact, closing", 0.0),
+    Parameter(
+        "flight_time_open",
+        "s",
+        "first motion to first contact, opening",
+        0.0,
+        sided=("flight_time", "open"),
+    ),
+    Parameter(
+        "flight_time_closed",
+        "s",
+        "first motion to first contact, closing",
+        0.0,
+        sided=("flight_time", "closed"),
+    ),
 )
 NAMES = tuple(p.name for p in PARAMETERS)
 

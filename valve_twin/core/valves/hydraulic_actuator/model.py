@@ -15,6 +15,8 @@ from valve_twin.core.valves.hydraulic_actuator.fit import Record, Solution, fit_
 from valve_twin.core.valves.hydraulic_actuator.kernels import STATE_SIZE, predict_block
 from valve_twin.core.valves.hydraulic_actuator.parameters import (
     ESTIMATOR,
+    LIFT,
+    LOWER,
     NAMES,
     PARAMETERS,
     HydraulicActuatorOptions,
@@ -95,11 +97,8 @@ class HydraulicActuatorModel(CompiledModel):
         What no cycle has shown of one direction is taken from the other.
         """
         del lag, options
-        known = dict(values)
-        for name in NAMES:
-            lift = name.endswith("lift")
-            other = name.replace("lift", "lower") if lift else name.replace("lower", "lift")
-            known.setdefault(name, values.get(other, float("nan")))
+        other = {LIFT[k]: LOWER[k] for k in LIFT} | {LOWER[k]: LIFT[k] for k in LOWER}
+        known = {n: values.get(n, values.get(other.get(n, n), float("nan"))) for n in NAMES}
         return np.array([*(known[name] for name in NAMES), period_s])
 
 
@@ -134,7 +133,7 @@ def _refusal(record: Record, options: HydraulicActuatorOptions) -> str:
 def _value(i: int, solution: Solution) -> ParameterValue:
     name, value = NAMES[i], float(solution.values[i])
     lift, lower = solution.shown
-    if (not lift and "lift" in name) or (not lower and "lower" in name):
+    if (not lift and name in LIFT.values()) or (not lower and name in LOWER.values()):
         return not_excited(name, "the valve did not open in this direction")
     span = solution.upper[i] - solution.lower[i]
     if min(value - solution.lower[i], solution.upper[i] - value) > _AT_BOUND * span:

@@ -20,16 +20,32 @@ PARAMETERS = (
         "flow of the open valve, lifting, as the pressure rise in a locked cylinder, assumed",
         0.0,
         trend=True,
+        sided=("flow_limit", "lift"),
     ),
-    Parameter("flow_limit_lower", "1/s", "the same, lowering, assumed", 0.0, trend=True),
+    Parameter(
+        "flow_limit_lower",
+        "1/s",
+        "the same, lowering, assumed",
+        0.0,
+        trend=True,
+        sided=("flow_limit", "lower"),
+    ),
     Parameter(
         "half_opening_lift",
         "1",
         "opening that lets half of flow_limit_lift pass: overlap and dead band raise it, assumed",
         0.0,
         trend=True,
+        sided=("half_opening", "lift"),
     ),
-    Parameter("half_opening_lower", "1", "the same, lowering, assumed", 0.0, trend=True),
+    Parameter(
+        "half_opening_lower",
+        "1",
+        "the same, lowering, assumed",
+        0.0,
+        trend=True,
+        sided=("half_opening", "lower"),
+    ),
     Parameter(
         "progressivity",
         "1",
@@ -50,8 +66,16 @@ PARAMETERS = (
         "load pressure per square of the lifting flow: line, throttle, load resistance, assumed",
         0.0,
         trend=True,
+        sided=("throttling", "lift"),
     ),
-    Parameter("throttling_lower", "s^2", "the same, lowering, assumed", 0.0, trend=True),
+    Parameter(
+        "throttling_lower",
+        "s^2",
+        "the same, lowering, assumed",
+        0.0,
+        trend=True,
+        sided=("throttling", "lower"),
+    ),
     Parameter(
         "spool_lag",
         "s",
@@ -61,6 +85,10 @@ PARAMETERS = (
     ),
 )
 NAMES = tuple(p.name for p in PARAMETERS)
+LIFT, LOWER = (
+    {p.sided[0]: p.name for p in PARAMETERS if p.sided[1:] == (way,)} for way in ("lift", "lower")
+)
+"""Names of the parameters of either direction, by what they are."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,6 +46,7 @@ def parameter(
     lower: float,
     upper: float,
     trend: bool = True,
+    sided: tuple[str, str] | tuple[()] = (),
 ) -> LawParameter:
     """Declare one parameter of a law.
 
@@ -63,6 +64,9 @@ def parameter(
         Bounds that simulation and fit obey, both ends included [`unit`].
     trend : bool
         Whether the aging monitor follows it by default.
+    sided : tuple of str
+        Where another one is the same of another direction: what, and of which direction this is,
+        such as ("gain", "rising").
 
     Raises
     ------
@@ -75,7 +79,9 @@ def parameter(
             f"which are {lower!r} and {upper!r} [{unit}]; both must be finite"
         )
         raise ValueError(message)
-    return LawParameter(Parameter(name, unit, text, lower, upper, trend), float(value))
+    return LawParameter(
+        Parameter(name, unit, text, lower, upper, trend, sided=sided), float(value)
+    )
 
 
 def published(
@@ -91,7 +97,8 @@ def published(
         As of `parameter`.
     """
     (found,) = (p for p in known if p.name == name)
-    return parameter(name, value, found.unit, found.description, lower=lower, upper=upper)
+    unit, text = found.unit, found.description
+    return parameter(name, value, unit, text, lower=lower, upper=upper, sided=found.sided)
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,10 @@ TERM_SETS: dict[str, tuple[int, ...]] = {
 }
 """Terms by their number in the paper: eq. (25), (32), (29) and (18)."""
 
-PREFIX = "equation_error_"
-"""Estimator names are this, ls or qp (constrained), and the term set: equation_error_qp4."""
-
-EQUATION_ERROR = tuple(f"{PREFIX}{kind}{terms}" for kind in ("ls", "qp") for terms in TERM_SETS)
-"""The equation error: every name `fit_equation_error` knows."""
+EQUATION_ERROR = {
+    f"equation_error_{kind}{number}": (kind, terms)
+    for kind in ("ls", "qp")
+    for number, terms in TERM_SETS.items()
+}
+"""The equation error: every name `fit_equation_error` knows, such as equation_error_qp4; ls or qp
+(constrained), and the terms."""

@@ -28,6 +28,7 @@ PARAMETERS = (
         0.0,
         trend=True,
         fall=("K_in_slope", "v_in_mean"),
+        sided=("K", "in"),
     ),
     Parameter(
         "K_in_slope",
@@ -45,6 +46,7 @@ PARAMETERS = (
         0.0,
         trend=True,
         fall=("K_out_slope",),
+        sided=("K", "out"),
     ),
     Parameter(
         "K_out_slope",

@@ -52,6 +52,7 @@ PARAMETERS = (
         1.0,
         trend=True,
         resolution=EDGE,
+        sided=("band", "lower"),
     ),
     Parameter(
         "band_upper",
@@ -61,6 +62,7 @@ PARAMETERS = (
         1.0,
         trend=True,
         resolution=EDGE,
+        sided=("band", "upper"),
     ),
     Parameter(
         "dead_band", "1", "band_upper - band_lower", 0.0, 1.0, trend=True, resolution=2.0 * EDGE

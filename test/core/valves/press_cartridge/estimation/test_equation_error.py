@@ -18,7 +18,7 @@ from valve_twin.core.valves.press_cartridge.estimation.constraints import parse_
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
     EquationErrorOptions,
     fit_equation_error,
-    parse_estimator,
+    kind_and_terms,
 )
 from valve_twin.core.valves.press_cartridge.estimation.regression import design, usable_rows
 from valve_twin.core.valves.press_cartridge.estimators import EQUATION_ERROR
@@ -300,8 +300,8 @@ def test_counts_say_what_was_used_and_masked():
 
 
 def test_names_have_the_terms_of_the_paper():
-    assert parse_estimator("equation_error_ls3") == ("ls", (1, 2, 3))
-    assert parse_estimator("equation_error_qp4") == ("qp", (1, 2, 3, 5))
+    assert kind_and_terms("equation_error_ls3") == ("ls", (1, 2, 3))
+    assert kind_and_terms("equation_error_qp4") == ("qp", (1, 2, 3, 5))
     found = fit(exact_cycle(), "qp4")
     assert [p.name for p in found.parameters] == ["theta_1", "theta_2", "theta_3", "theta_5"]
     assert all(np.isnan(p.standard_error) for p in found.parameters)
@@ -309,7 +309,7 @@ def test_names_have_the_terms_of_the_paper():
 
 def test_unknown_names_are_the_callers_fault():
     with pytest.raises(ValueError, match=r"equation_error_qp9.*choose one of"):
-        parse_estimator("equation_error_qp9")
+        kind_and_terms("equation_error_qp9")
     with pytest.raises(ValueError, match="solver 'magic' is not known"):
         fit(exact_cycle(), options=EquationErrorOptions(solver="magic"))
 

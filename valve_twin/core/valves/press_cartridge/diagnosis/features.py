@@ -86,15 +86,17 @@ _OF_STEP = 1.0
 NO_GAIN = 1e-6
 """Gain of a command that moves nothing, or the wrong way: its logarithm must exist."""
 
-RELATIVE = frozenset(
-    n for n in NAMES if n.startswith(("rest_noise", "gain_", "rough_", "shortfall"))
-)
+_GAINS = ("gain_in_low", "gain_in_high", "gain_out_low", "gain_out_high")
+
+RELATIVE = frozenset(("rest_noise", *_GAINS, "rough_low", "shortfall"))
 """Features whose changes count relative to themselves: their logarithm is followed."""
 
 FEATURE_SET = FeatureSet(
     NAMES,
     RELATIVE,
     shares=("repeats", "stuck"),
+    gains=_GAINS,
+    slopes=("hold_slope",),
     first_sizes={
         "leak": 1e-4,
         "stiction": 0.01,

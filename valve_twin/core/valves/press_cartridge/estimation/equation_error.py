@@ -55,7 +55,7 @@ from valve_twin.core.valves.press_cartridge.estimation.regression import (
     mean_square_error,
     usable_rows,
 )
-from valve_twin.core.valves.press_cartridge.estimators import EQUATION_ERROR, PREFIX, TERM_SETS
+from valve_twin.core.valves.press_cartridge.estimators import EQUATION_ERROR
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks
@@ -133,7 +133,7 @@ class EquationErrorFit:
     outflow: Excitation | None = None
 
 
-def parse_estimator(name: str) -> tuple[str, tuple[int, ...]]:
+def kind_and_terms(name: str) -> tuple[str, tuple[int, ...]]:
     """Return ("ls" or "qp", terms) of an estimator name.
 
     Raises
@@ -144,8 +144,7 @@ def parse_estimator(name: str) -> tuple[str, tuple[int, ...]]:
     if name not in EQUATION_ERROR:
         msg = f"estimator {name!r} is not known; choose one of {', '.join(EQUATION_ERROR)}"
         raise ValueError(msg)
-    kind = name[len(PREFIX) :]
-    return kind[:2], TERM_SETS[kind[2:]]
+    return EQUATION_ERROR[name]
 
 
 def fit_equation_error(
@@ -185,7 +184,7 @@ def fit_equation_error(
         The estimator or the solver is not known.
     """
     options = options or EquationErrorOptions()
-    kind, terms = parse_estimator(estimator)
+    kind, terms = kind_and_terms(estimator)
     if options.solver not in ("exact", "cvxpy"):
         msg = f"solver {options.solver!r} is not known; choose exact or cvxpy"
         raise ValueError(msg)

@@ -59,6 +59,9 @@ _LEAST_GAIN = 0.002
 _TAIL = 0.004
 """Half width of the 95 % interval of what tails of motion do to the leak, relative to it [1]."""
 
+_FALLS = ("K_in_slope", "K_out_slope")
+"""What is not above 0; what else has errors is not below."""
+
 
 def systematic_halves(
     s: Solution,
@@ -145,7 +148,7 @@ def with_limits(
         own = max(NORMAL_975 * error, scattered.get(p.name, 0.0)) if errors else 0.0
         half = float(np.hypot(own, systematic.get(p.name, 0.0)))
         lower, upper = p.value - half, p.value + half
-        if p.name.endswith("_slope"):
+        if p.name in _FALLS:
             upper = min(upper, 0.0)
         elif errors:
             lower = max(lower, 0.0)
