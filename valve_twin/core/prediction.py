@@ -159,4 +159,9 @@ def fit_percent(y: FloatArray, simulated: FloatArray, *, least: int = 1) -> floa
     y = y[known]
     spread = float(np.sqrt(np.sum((y - y.mean()) ** 2)))
     miss = float(np.sqrt(np.sum((y - simulated[known]) ** 2)))
+    return percent(miss, spread)
+
+
+def percent(miss: float, spread: float) -> float:
+    """Return the fit of the roots of the squares of what is missed and of what there is [%]."""
     return 100.0 * (1.0 - miss / spread) if spread > 0.0 else float("nan")

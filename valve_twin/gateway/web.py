@@ -15,7 +15,7 @@ from valve_twin.gateway.metrics import TYPE, exposition
 from valve_twin.gateway.page import forms
 from valve_twin.gateway.page.answers import HEADERS, MARK, visitor_of
 from valve_twin.gateway.page.filed import served_report
-from valve_twin.gateway.page.lines import utc
+from valve_twin.gateway.page.lines import iso
 from valve_twin.gateway.page.samples import NoSamplesError, Samples
 from valve_twin.gateway.pages import (
     ShownCycle,
@@ -242,7 +242,7 @@ class _Pages:
         view = self._plant.glance()
         found = {
             "history": view.where,
-            "read": utc(view.read_ns),
+            "read": iso(view.read_ns),
             "failure": view.failure,
             "whole": view.whole,
             "valves": [plain_valve(view, row) | plain_words(view, row) for row in view.rows],

@@ -104,21 +104,25 @@ def unit(name: str) -> str:
     return "" if name in {"", "1"} else f" [{name}]"
 
 
+def utc(stamp_ns: int) -> datetime:
+    """Return a stamp of a clock that is set as a moment."""
+    return datetime.fromtimestamp(stamp_ns / 1e9, tz=timezone.utc)
+
+
 def when(stamp_ns: int) -> str:
     """Return date and time (UTC) of a stamp, or the time since zero of a clock that is not set."""
     if stamp_ns < _CALENDAR_NS:
         total = stamp_ns // 10**9
         hours, minutes = divmod(total // 60, 60)
         return f"{hours}:{minutes:02d}:{total % 60:02d} on the data's clock"
-    moment = datetime.fromtimestamp(stamp_ns / 1e9, tz=timezone.utc)
-    return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
+    return utc(stamp_ns).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def day(stamp_ns: int) -> str:
     """Return the date (UTC) of a stamp, or the time of a clock that is not set."""
     if stamp_ns < _CALENDAR_NS:
         return when(stamp_ns)
-    return datetime.fromtimestamp(stamp_ns / 1e9, tz=timezone.utc).strftime("%Y-%m-%d")
+    return utc(stamp_ns).strftime("%Y-%m-%d")
 
 
 @cache

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from datetime import datetime, timezone
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import FAILED, OK, add_url, add_verb, fail, progress_of
@@ -147,8 +146,9 @@ def _show(rows: Sequence[FleetRow], where: str) -> None:
 def _service(row: FleetRow) -> str:
     """Return the date, else what remains."""
     if row.service_date_ns:
-        date = datetime.fromtimestamp(row.service_date_ns * 1e-9, tz=timezone.utc)
-        return date.strftime("%Y-%m-%d")
+        from valve_twin.report.text import utc
+
+        return utc(row.service_date_ns).strftime("%Y-%m-%d")
     return f"{row.remaining:.0f} {row.axis}" if math.isfinite(row.remaining) else "-"
 
 

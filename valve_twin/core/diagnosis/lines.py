@@ -12,7 +12,7 @@ import numpy as np
 from valve_twin.core.diagnosis.features import NOISE, UNFOLLOWED
 from valve_twin.core.diagnosis.table import SignatureTable, held_correlations, whitener, with_floor
 from valve_twin.core.estimation.data.one_thread import rows_times
-from valve_twin.core.estimation.data.robust import MAD_SCALE, robust_sigma
+from valve_twin.core.estimation.data.robust import robust_sigma, robust_sigmas
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -184,7 +184,7 @@ def _rays(
 
     `shapes` are their changes and scatters (S, F).
     """
-    spread = MAD_SCALE * np.median(np.abs(off), axis=0)
+    spread = robust_sigmas(off)
     spread = np.maximum(spread, np.quantile(np.abs(off), _TAIL, axis=0) / _TAIL_DEVIATIONS)
     off = np.where(spread > 0.0, np.clip(off, -4.0 * spread, 4.0 * spread), off)
     floor = np.array(table.floor)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.aging.verdict import LimitState, VerdictKind
 from valve_twin.core.diagnosis.changes.finding import UNKNOWN
+from valve_twin.core.diagnosis.table import PARTS
 from valve_twin.core.faults.lifetime import Severity
 from valve_twin.core.faults.ne107 import NODE_FAULTS, Ne107
 
@@ -194,7 +195,7 @@ def advise(verdict: Verdict, trends: Sequence[Trend] = ()) -> Advice:
     return advice
 
 
-DIAGNOSED = {part: f"diagnosis.{part}" for part in ("valve", "command", "sensor", "supply")}
+DIAGNOSED = {part: f"diagnosis.{part}" for part in PARTS}
 """By what has a fault that a verdict names, its code as a fault of a node; its subject is it."""
 
 

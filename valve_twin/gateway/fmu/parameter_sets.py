@@ -14,7 +14,7 @@ from scipy.stats import rankdata
 
 from valve_twin import __version__
 from valve_twin.core.aging.verdict import TrendStatus
-from valve_twin.core.estimation.data.robust import MAD_SCALE, NORMAL_975
+from valve_twin.core.estimation.data.robust import NORMAL_975, robust_sigmas
 from valve_twin.gateway.fmu.description import base_units, xml_bytes
 from valve_twin.io.errors import FmuError
 
@@ -218,8 +218,7 @@ def correlation(past: Sequence[Estimate], names: Sequence[str]) -> Correlation |
     changes = changes[np.isfinite(changes).all(axis=1)]
     if len(changes):
         apart = np.abs(changes - np.median(changes, axis=0))
-        usual = MAD_SCALE * np.median(apart, axis=0)
-        changes = changes[(apart <= JUMP * usual).all(axis=1)]
+        changes = changes[(apart <= JUMP * robust_sigmas(apart)).all(axis=1)]
     pairs = len(changes)
     if pairs < LEAST_PAIRS or len(names) < 2:
         return None

@@ -7,7 +7,6 @@ from __future__ import annotations
 import re
 import uuid
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from math import isfinite
 from typing import TYPE_CHECKING
 
@@ -19,6 +18,7 @@ from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.gateway.fmu.c_code import Translation
 from valve_twin.gateway.fmu.c_kinds import DOUBLE, Array, number
 from valve_twin.io.errors import FmuError
+from valve_twin.report.text import utc
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -208,8 +208,7 @@ def valve_of(
     )
     delay = Quantity("input_delay", "s", "from a sample of the inputs to its effect", lag * period)
     code = _code(law, inputs, parameters, period, lag)
-    end = datetime.fromtimestamp(record.end_ns * _NS, tz=timezone.utc)
-    made = end.strftime("%Y-%m-%dT%H:%M:%SZ")
+    made = utc(record.end_ns).strftime("%Y-%m-%dT%H:%M:%SZ")
     source = "given" if period_s else "from the stamps of the cycle"
     text = (
         f"{name} as estimated from cycle {estimate.cycle} ({made}) of {where}: model "

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 import time
 from contextlib import suppress
-from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from pysparkplug import (
@@ -35,6 +34,7 @@ from valve_twin.gateway.mqtt.names import device_id
 from valve_twin.gateway.plain import plain_valve
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.fleet import FleetRow
+from valve_twin.report.text import utc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -311,7 +311,7 @@ def _name(key: str) -> str:
 
 def _metric(stamp: int | None, name: str, kind: DataType, value: MetricValue | None) -> Metric:
     if isinstance(value, int) and kind is DataType.DATETIME:  # 0 = not known
-        value = datetime.fromtimestamp(value * 1e-9, timezone.utc) if value else None
+        value = utc(value) if value else None
     return Metric(stamp, name, kind, value=value, is_null=value is None)
 
 

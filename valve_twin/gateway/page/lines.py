@@ -4,12 +4,11 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timezone
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
 from valve_twin.core.faults.ne107 import Ne107
-from valve_twin.report.text import when
+from valve_twin.report.text import utc, when
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,12 +40,12 @@ def moment(stamp_ns: int) -> Moment:
     """Return a stamp for a page; one of a clock that was not set stays as it is."""
     if not stamp_ns:
         return Moment("", "")
-    return Moment(when(stamp_ns), utc(stamp_ns) if stamp_ns >= _CLOCK_SET_NS else "")
+    return Moment(when(stamp_ns), iso(stamp_ns) if stamp_ns >= _CLOCK_SET_NS else "")
 
 
-def utc(stamp_ns: int) -> str:
+def iso(stamp_ns: int) -> str:
     """Return a stamp by ISO 8601, empty for 0."""
-    return datetime.fromtimestamp(stamp_ns * 1e-9, timezone.utc).isoformat() if stamp_ns else ""
+    return utc(stamp_ns).isoformat() if stamp_ns else ""
 
 
 def link_of(valve: str) -> str:

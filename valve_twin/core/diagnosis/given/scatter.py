@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.given.reference import PREFIX
-from valve_twin.core.estimation.data.robust import MAD_SCALE
+from valve_twin.core.estimation.data.robust import robust_sigmas
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -150,7 +150,7 @@ def widened(scatter: Scatter, keep: IntArray, y: FloatArray) -> Scatter:
         part[np.ix_(keep, keep)] for part in (scatter.between, scatter.first, scatter.strays)
     )
     if len(y) > BESIDE:
-        own = MAD_SCALE * np.median(np.abs(np.diff(y, axis=0)), axis=0) / np.sqrt(2.0)
+        own = robust_sigmas(np.diff(y, axis=0)) / np.sqrt(2.0)
         more = np.maximum(own / np.sqrt(np.diag(within)), 1.0)
         within = within * np.outer(more, more)
     return Scatter(within, between, first, strays, scatter.shown[keep])

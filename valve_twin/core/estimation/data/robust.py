@@ -27,6 +27,11 @@ def robust_sigma(off: FloatArray) -> float:
     return MAD_SCALE * _median_taken(np.abs(off).ravel())
 
 
+def robust_sigmas(off: FloatArray) -> FloatArray:
+    """Return the same of each column of (N, F) deviations, (F,)."""
+    return np.asarray(MAD_SCALE * np.median(np.abs(off), axis=0))
+
+
 def _median_taken(values: FloatArray) -> float:
     """Return the bits of `np.median`, but bring the values, (N,), into another order.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.prediction import percent
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.valves.kit.record import held, longest_stretch, rest_refusal
 from valve_twin.core.valves.stepper_servo.fit import Record
@@ -64,7 +65,7 @@ def misfit(record: Record, thread: ThreadFit, options: StepperServoOptions) -> s
         The least fit.
     """
     y = record.position[record.used]
-    fit = 100.0 * (1.0 - float(np.sqrt(thread.cost / np.sum((y - y.mean()) ** 2))))
+    fit = percent(float(np.sqrt(thread.cost)), float(np.sqrt(np.sum((y - y.mean()) ** 2))))
     least = options.min_fit
     if fit >= least:
         return ""
