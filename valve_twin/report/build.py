@@ -15,7 +15,7 @@ from valve_twin import __version__
 from valve_twin.core.aging.assess import assess
 from valve_twin.core.operation.step_metrics import measure_steps
 from valve_twin.core.operation.stroke_due import stroke_due
-from valve_twin.core.quantity import describe, example
+from valve_twin.core.quantity import describe, example, listed
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import History
@@ -29,6 +29,7 @@ from valve_twin.io.history.tiers.reading import (
 from valve_twin.io.offline.baseline import compare_baselines
 from valve_twin.io.offline.run import join_predictions
 from valve_twin.io.offline.sources import NOT_MEASURED
+from valve_twin.io.tables.json_lines import FILES
 from valve_twin.io.uncollected import uncollected
 from valve_twin.report.data import ReportData
 from valve_twin.report.page import write_report
@@ -99,7 +100,7 @@ def bag_data(
         signals=signals_of(record.last, model, config.options) if record.last else (),
         counters=record.counters,
         steps=tuple(step for c in record.newest for step in measure_steps(c, model.inputs)),
-        files=record.files,
+        files={cycle: listed(names, FILES) for cycle, names in record.files.items()},
         nameplate=config.nameplate.given,
     )
 

@@ -342,8 +342,8 @@ def decide(
         commissioned = all(t.reference_source == "commissioning" for t in judged)
         own_only = "" if commissioned else _OWN_ONLY.format(beside.since)
         largest = max([t for t in judged if not _unsaid(t)] or judged, key=_share)
-        why = {t.parameter: t.reason for t in trends} | dict(beside.short)
-        excepted = "".join(f"{said}; " for t in trends if (said := _unsaid(t, why[t.parameter])))
+        brief = {t.parameter: t.reason for t in trends} | dict(beside.short)
+        excepted = "".join(f"{said}; " for t in trends if (said := _unsaid(t, brief[t.parameter])))
         evidence = f"{excepted}{own_only}largest drift: {describe(largest)}"
     evidence += f"; {failed}" if failed else ""
     return Verdict(stamp_ns, valve, kind, kind.text, evidence, cycle, named)

@@ -86,7 +86,8 @@ PARAMETERS = (
 )
 NAMES = tuple(p.name for p in PARAMETERS)
 LIFT, LOWER = (
-    {p.sided[0]: p.name for p in PARAMETERS if p.sided[1:] == (way,)} for way in ("lift", "lower")
+    {p.sided[0]: p.name for p in PARAMETERS if p.sided and p.sided[1] == way}
+    for way in ("lift", "lower")
 )
 """Names of the parameters of either direction, by what they are."""
 
