@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 
 import numpy as np
@@ -29,7 +30,8 @@ from valve_twin.io.offline.run import (
     trivial_fit,
 )
 from valve_twin.io.tables.json_lines import json_lines
-from valve_twin.report.build import trivial_note
+from valve_twin.report.build import bag_data, trivial_note
+from valve_twin.report.tables import source_files
 
 CYCLES = 4
 START_NS = 10**18
@@ -147,9 +149,15 @@ def test_refusals_are_counted_by_their_code_and_told_by_their_first_line():
         Estimate("m", "e", n, 0, 1, (), EstimateStatus.REFUSED, line, code, used_by_trend=True)
         for n, (code, line) in enumerate(reasons, 1)
     ]
-    assert describe_refused("record", Record(estimates=refused)) == [
+    lines = [
         "record: 2 of 3 cycles give no estimate: 3 usable samples",
         "record: 1 of 3 cycles give no estimate: 2 gaps",
+    ]
+    assert describe_refused("record", Record(estimates=refused)) == lines
+    files = {1: ("a, b.csv",), 2: ("c.csv",), 3: ("a, b.csv", "d.csv")}
+    assert describe_refused("record", Record(estimates=refused, files=files)) == [
+        "record: 2 of 3 cycles give no estimate (a, b.csv, d.csv): 3 usable samples",
+        "record: 1 of 3 cycles give no estimate (c.csv): 2 gaps",
     ]
 
 
@@ -264,3 +272,17 @@ def test_there_is_no_trivial_model_of_two_commands_or_of_rest():
 
 def test_the_press_valve_has_no_note_about_the_trivial_model(clean):
     assert trivial_note(clean) == ()
+
+
+def test_the_page_names_the_first_files_of_a_cycle_and_counts_the_others(clean, config):
+    files = {1: ("a.csv",), 2: ("a, b.csv", "c.csv"), 3: ("a.csv", "d.csv", "e.csv", "f.csv")}
+    record = dataclasses.replace(clean, files=files)
+    data = bag_data(config, "bag", record, assess_record(config, record))
+    named = [row[:2] for row in source_files(data).rows]
+    assert named == [
+        ["a.csv", "1"],
+        ["a, b.csv, c.csv", "2"],
+        ["a.csv, d.csv, e.csv and 1 more", "3"],
+    ]
+    lines = [json.loads(x) for x in json_lines(record.estimates, None, "/valve", files=files)]
+    assert {x["file"] for x in lines if x["cycle"] == 3} == {"a.csv, d.csv, e.csv and 1 more"}
