@@ -321,6 +321,7 @@ def test_prometheus_answers_every_query_of_the_dashboard(server, tmp_path):
     with subprocess.Popen(
         [program, *files, f"--web.listen-address=127.0.0.1:{port}"], stderr=subprocess.PIPE
     ) as process:
+        assert process.stderr is not None
         reader = threading.Thread(target=process.stderr.read, daemon=True)
         reader.start()
         try:
