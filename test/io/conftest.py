@@ -23,6 +23,16 @@ def shared(root):
 
 
 @pytest.fixture
+def no_black_box(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Try the models of valves, and no black box beside them: half of the CPU of a choice."""
+    from valve_twin.core.survey import sides
+    from valve_twin.io.configure import survey
+
+    for module in (survey, sides):
+        monkeypatch.setattr(module, "try_baseline", lambda *_, **__: None)
+
+
+@pytest.fixture
 def small_bag(tmp_path: Path) -> Path:
     """Return a bag of 1000 commands and positions, 10 ms apart, the position 1 ms later."""
     path = tmp_path / "small"

@@ -4,16 +4,8 @@
 
 import pytest
 
-from valve_twin.core.survey import sides, trial
+from valve_twin.core.survey import trial
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.configure import survey
-
-
-@pytest.fixture
-def no_black_box(monkeypatch):
-    """Try the models of valves, and no black box beside them: half of the CPU of a choice."""
-    for module in (survey, sides):
-        monkeypatch.setattr(module, "try_baseline", lambda *_, **__: None)
 
 
 @pytest.fixture

@@ -70,6 +70,8 @@ def test_too_few_cycles_are_not_estimated():
     assert {limit.reason for limit in limits} == {"none: 3 cycles, 10 tell the scatter"}
 
 
+@pytest.mark.no_cover
+@pytest.mark.usefixtures("no_black_box")
 def test_the_gain_of_a_static_curve_is_followed_where_the_proposal_has_one(tmp_path):
     text = "/**:\n  ros__parameters:\n    model: positioner\n    period_s: 0.01\n"
     names = [x.parameter for x in justified_limits(text, [Path("not there.csv")], count=3.0)]

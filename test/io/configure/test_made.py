@@ -24,6 +24,7 @@ def stroke(seed):
     return command, position + np.random.default_rng(seed).normal(0.0, 0.02, N)
 
 
+@pytest.mark.usefixtures("no_black_box")
 def test_a_bipolar_command_is_split_into_two_that_drive_the_ram(tmp_path):
     command, ram = stroke(1)
     found = survey(tmp_path / "a.csv", {"valve_cmd_V": command, "ram_mm": ram})

@@ -190,6 +190,8 @@ def test_the_cylinder_is_found_among_sixteen_nameless_channels(shared):
     assert choice.trials[0].fit > choice.pair.line
 
 
+@pytest.mark.no_cover
+@pytest.mark.usefixtures("one_model")
 def test_reports_of_changes_want_one_grid_and_even_samples_do_not(tmp_path):
     command = steps()
     columns = {"set point [mm]": command, "spool travel [mm]": slew_valve(command)}

@@ -78,6 +78,7 @@ def press_bag(tmp_path, extra=""):
     return config, tmp_path / "bag"
 
 
+@pytest.mark.usefixtures("no_black_box")
 @pytest.mark.parametrize("extra", ["", EXTRA])
 def test_a_press_bag_gives_the_estimates_of_the_shipped_configuration(tmp_path, extra):
     shipped, bag = press_bag(tmp_path, extra)
@@ -194,6 +195,7 @@ def test_the_position_may_be_named_and_must_be_there(tmp_path):
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("no_black_box")
 def test_two_commands_of_a_bag_are_held_against_what_else_follows(tmp_path, capsys):
     _, bag = press_bag(tmp_path)
     text = propose_yaml(bag)

@@ -121,6 +121,7 @@ def test_cycles_nearer_to_the_change_are_not_back(table):
     assert not near[BEFORE:-3].any()
 
 
+@pytest.mark.no_cover
 def test_a_lasting_oscillation_of_a_young_valve_is_told_in_every_longer_history():
     """It was told as over from the twelfth cycle with it on: eight cycles know no scatter."""
     rig = model_rig("first_order")

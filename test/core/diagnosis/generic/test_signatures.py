@@ -104,6 +104,7 @@ def coarse(late):
     return np.array(rows)
 
 
+@pytest.mark.no_cover
 def test_two_cycles_with_a_stroke_one_sample_later_are_no_fault():
     late = np.random.default_rng(2).uniform(-0.1, 0.1, (60, 2))
     table, cycles = own_table("first_order", COARSE), np.arange(1, 61)

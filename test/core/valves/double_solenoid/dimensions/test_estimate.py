@@ -90,6 +90,7 @@ def test_the_worn_dimension_is_named(solenoid, new, name, size):
     assert guard.reason == told.reason
 
 
+@pytest.mark.no_cover
 def test_a_spring_that_has_set_is_named(solenoid, new):
     weak = replaced(solenoid.plant, {"preload_1": solenoid.plant.preload_1 - 1.0})
     told = later(new, weak, 4)[ESTIMATOR]
