@@ -10,10 +10,11 @@ import pytest
 
 from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig, Axis, Threshold
-from valve_twin.core.aging.products import same_product
+from valve_twin.core.aging.products import product_numbers, same_product
 from valve_twin.core.aging.series import order_history, series_of
 from valve_twin.core.aging.verdict import TrendStatus
 from valve_twin.core.diagnosis.changes.finding import CLOCK, Diagnosis, Finding
+from valve_twin.core.past.columns import past_of
 from valve_twin.core.types import (
     Condition,
     Estimate,
@@ -181,3 +182,20 @@ def test_maintenance_after_the_newest_cycle_changes_no_product(product):
     now, told_now = same_product(series, history.rows, (seals, oil), AgingConfig())
     assert np.array_equal(now.values, then.values)
     assert told_now == told
+
+
+def test_programs_that_are_as_long_but_return_at_another_time_are_two_products():
+    """Stranger 95025: K_in was "beyond its threshold" since another product was made."""
+    whole = made(ONE)
+    times = np.where(CHANGED == 1, 7.71, 8.07).tolist()
+    shown = [
+        replace(e, estimator="features", parameters=(ParameterValue("returns", t),))
+        for e, t in zip(whole, times, strict=True)
+    ]
+    rows = past_of(shown).features
+    estimates = order_history(past_of(whole), Axis.CYCLES).rows
+    assert len(rows) == len(estimates) == CYCLES
+    assert product_numbers(estimates).tolist() == ONE.tolist()
+    assert product_numbers(estimates, rows).tolist() == (1 - CHANGED).tolist()
+    half = rows.take(np.arange(10, CYCLES))  # of the first cycles nothing is known
+    assert product_numbers(estimates, half).tolist() == [-1] * 10 + (1 - CHANGED)[10:].tolist()

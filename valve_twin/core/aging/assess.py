@@ -194,7 +194,7 @@ def assess(
     ordered = order_history(past, config.axis)
     rows = ordered.rows
     followed = [of_model.get(name, Parameter(name, "1", "")) for name in names]
-    numbers = product_numbers(rows)
+    numbers = product_numbers(rows, past.features)
     known = memory or Memory()
     results = [
         _assess_parameter(p, ordered, numbers, maintenance, config, valve, confidence, known)

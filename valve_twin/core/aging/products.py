@@ -2,10 +2,10 @@
 # Copyright 2026 valve_twin maintainers
 """Compare a parameter across products: what another product does to its level is not aging.
 
-Products are told apart by the duration of the program; a cycle of an odd duration (a pause) by its
-stroke. Every product but the first has a factor of its own on the level, found together with the
-trend. The values are brought to the first product; that the factors are not known exactly stays
-in every fit as `Series.offsets`, one column a product.
+Products are told apart by the duration of the program and by when it returns; a cycle of an odd
+duration (a pause) by its stroke. Every product but the first has a factor of its own on the level,
+found together with the trend. The values are brought to the first product; that the factors are
+not known exactly stays in every fit as `Series.offsets`, one column a product.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import numpy as np
 from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.aging.series import Series, cut, events_at, lines_of, part_of, systematic_of
 from valve_twin.core.aging.trend import MAX_FACTOR
-from valve_twin.core.diagnosis.products import products
+from valve_twin.core.diagnosis.features import RETURNS
+from valve_twin.core.diagnosis.products import products, with_returns
 from valve_twin.core.estimation.data.robust import MAD_SCALE
 
 if TYPE_CHECKING:
@@ -117,11 +118,30 @@ def same_product(
     return replace(series, values=cleared, offsets=offsets, systematic=wrong), what
 
 
-def product_numbers(rows: Rows) -> IntArray:
-    """Return the product of every estimate, (N,), -1 = not known."""
+def _returns_of(rows: Rows, shown: Rows) -> FloatArray:
+    """Return when the cycle of every estimate returned, (N,), NaN where not known [s]."""
+    order = np.argsort(shown.cycle, kind="stable")
+    cycles, returns_s = shown.cycle[order], shown.usable(RETURNS)[order]
+    at = np.searchsorted(cycles, rows.cycle, side="right") - 1  # the last that came
+    there = (at >= 0) & (cycles[np.maximum(at, 0)] == rows.cycle)
+    return np.where(there, returns_s[np.maximum(at, 0)], np.nan)
+
+
+def product_numbers(rows: Rows, shown: Rows | None = None) -> IntArray:
+    """Return the product of every estimate, (N,), -1 = not known.
+
+    Parameters
+    ----------
+    rows : Rows
+        The estimates, N.
+    shown : Rows, optional
+        What their cycles show of faults, which tells when each returned.
+    """
     if not len(rows):
         return np.zeros(0, np.int64)
     found = products(np.asarray((rows.end_ns - rows.start_ns) * 1e-9, np.float64))
+    if shown is not None and len(shown):
+        found = with_returns(found, _returns_of(rows, shown))
     groups = np.flatnonzero(np.bincount(found + 1)[1:])
     if not len(groups):
         return np.zeros(len(rows), np.int64)

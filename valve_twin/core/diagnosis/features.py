@@ -34,6 +34,9 @@ TIMED = (*DELAYS, "shortfall")
 """Names of the features that change by themselves where two clocks run apart."""
 
 
+RETURNS = "returns"
+"""Name of the number that is the time from the start of a cycle to its return [s]."""
+
 NEXT_CYCLE = "the next cycle"
 """Name of the check that the model of the cycles before follows a cycle better than its mean."""
 

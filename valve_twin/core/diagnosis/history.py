@@ -16,14 +16,22 @@ from valve_twin.core.diagnosis.changes.finding import CLOCK, NOTHING, Diagnosis,
 from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
-from valve_twin.core.diagnosis.features import NOISE
+from valve_twin.core.diagnosis.features import NOISE, RETURNS
 from valve_twin.core.diagnosis.generic.motion import motion_from
 from valve_twin.core.diagnosis.generic.naming import named_by_motion
 from valve_twin.core.diagnosis.generic.programs import with_programs
 from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
 from valve_twin.core.diagnosis.given.judged import judged, without_first
-from valve_twin.core.diagnosis.products import MADE, clocks_of, last_left, products, without_timed
+from valve_twin.core.diagnosis.products import (
+    MADE,
+    behind_a_pause,
+    clocks_of,
+    last_left,
+    products,
+    with_returns,
+    without_timed,
+)
 from valve_twin.core.diagnosis.reference import (
     NotYet,
     doubt_of,
@@ -170,7 +178,7 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
     vectors = without_timed(vectors, table) if clock else vectors
     for number, own in _rows_of(product):
         of = known.of(number)
-        steady = of.slips.taken_out(vectors[own], table)
+        steady = of.slips.taken_out(vectors[own], table, behind_a_pause(product)[own])
         part = detect(
             cycles[own],
             steady,
@@ -221,7 +229,7 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
     found += [clock] if clock and clock not in before else []
     direct: list[Finding] = []
     if not any_valve:
-        values = _direct_values(shown)
+        values = np.column_stack([shown.value(n) for n in _DIRECT])
         asked = [f in settled.direct for f in settled.findings]
         before = [
             _until_over(f, cycles, values, settled.judged) if d else f
@@ -372,7 +380,7 @@ def _holds(settled: Settled, restarts: Sequence[int]) -> bool:
 def products_of(shown: Rows) -> IntArray:
     """Return which product each of some cycles makes, -1 = not known."""
     by_duration = products(np.asarray((shown.end_ns - shown.start_ns) * 1e-9, np.float64))
-    return with_programs(by_duration, shown)
+    return with_programs(with_returns(by_duration, shown.usable(RETURNS)), shown)
 
 
 def _is_slip(finding: Finding, apart: Sequence[int]) -> bool:
@@ -391,11 +399,6 @@ def _once_a_cycle(shown: Rows) -> Rows:
     order = np.argsort(shown.cycle, kind="stable")
     last = np.append(np.diff(shown.cycle[order]) > 0, True)
     return shown.take(order[last])
-
-
-def _direct_values(shown: Rows) -> FloatArray:
-    """Return what shows faults without a signature, (N, 5)."""
-    return np.column_stack([shown.value(n) for n in _DIRECT])
 
 
 def _until_over(finding: Finding, cycles: IntArray, values: FloatArray, judged: int) -> Finding:

@@ -13,9 +13,7 @@ import numpy as np
 from valve_twin.core.diagnosis.changes.finding import CLOCK, Finding
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.features import DELAYS, TIMED
-from valve_twin.core.diagnosis.watch.growing import Growing, begins
 from valve_twin.core.estimation.data.robust import robust_sigma
-from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,16 +40,6 @@ _PAUSED = 1.5
 
 MADE = 8
 """Newest cycles whose products count as made: recipes may alternate."""
-
-_RECENT = 8
-_SLIP_S = (0.012, 0.06)
-"""Jumps of a delay that a sample more or less can make, for periods of 20-40 ms, assumed [s]."""
-
-_MOST_SLIPS = 2
-"""Slips in `_RECENT` cycles above which a delay scatters, assumed."""
-
-_UNMOVED = 0.1
-"""Share of such a jump by which the other delay may move [1]."""
 
 _LEAST_CYCLES = 14
 _NEWEST = 200
@@ -98,11 +86,50 @@ def products(duration_s: FloatArray) -> IntArray:
     group = np.empty(len(ranked), dtype=np.int64)
     group[order] = np.concatenate(([0], np.cumsum(apart)))
     sizes = np.bincount(group)
-    group[sizes[group] < _FEWEST] = -1
     paused = duration_s > _PAUSED * np.median(duration_s)
-    if np.mean(group[~paused] < 0) > _ODD:
+    begun = group == group[~paused][-1]  # which is not odd, if it is a product that just begins
+    few = sizes[group] < _FEWEST
+    group[few] = -1
+    odd = few[~paused & ~(begun & few)]
+    if not len(odd) or np.mean(odd) > _ODD:
         return np.zeros(len(group), dtype=np.int64)
     return _with_near(group, duration_s)
+
+
+def with_returns(product: IntArray, returns_s: FloatArray) -> IntArray:
+    """Return products, those taken apart whose programs return at clearly different times.
+
+    A program that is as long as another one may differ in its parts. When it returns is the
+    controller's, whatever the valve or its sensor do.
+
+    Parameters
+    ----------
+    product : (N,) int64 array
+        What each cycle makes by its duration, -1 = not known [1].
+    returns_s : (N,) array
+        Time from the start of each to its return [s]; one that shows none (NaN) stays with its
+        product unless that is taken apart.
+
+    Returns
+    -------
+    (N,) int64 array
+        Number of the product, -1 = not known.
+    """
+    known = np.isfinite(returns_s)
+    if not known.any():
+        return product
+    found, last = np.full_like(product, -1), -1
+    for number in range(int(product.max(initial=-1)) + 1):
+        own = product == number
+        told = np.flatnonzero(own & known)
+        parts = np.zeros(len(told), dtype=np.int64)
+        if len(told) >= 2 * _FEWEST:
+            parts = _with_near(parts, returns_s[told])
+        found[told] = np.where(parts < 0, -1, last + 1 + parts)
+        if not parts.any():
+            found[own] = last + 1
+        last = max(last + int(own.any()), int(found.max()))
+    return found
 
 
 def _with_near(group: IntArray, duration_s: FloatArray) -> IntArray:
@@ -140,6 +167,11 @@ def wider_beside(ranked: FloatArray, apart: BoolArray) -> FloatArray:
     return np.asarray(np.maximum(width[:-1], width[1:]), dtype=np.float64)
 
 
+def behind_a_pause(product: IntArray) -> BoolArray:
+    """Return which cycles come behind one of no known product, as one with a pause is, (N,)."""
+    return np.append(False, product[:-1] < 0)
+
+
 def last_left(cycles: IntArray, product: IntArray, number: int) -> int:
     """Return the newest cycle of a product behind which others were made for long, -1 = none.
 
@@ -157,82 +189,6 @@ def last_left(cycles: IntArray, product: IntArray, number: int) -> int:
     others = np.diff(np.append(own, np.count_nonzero(known))) - 1
     left = own[others >= MADE]
     return int(cycles[known][left[-1]]) if len(left) else -1
-
-
-class Slips:
-    """Takes out of the delays what one sample more or less between the two signals does.
-
-    Where controller and logger are not in step, a command is logged a sample earlier or later
-    from some cycle on. One delay then jumps by a sample, and nothing else. A delay that jumps more
-    often scatters so: nothing is taken out.
-    """
-
-    def __init__(self) -> None:
-        self._given, self._out = np.empty((0, 0)), Growing(0)
-        self._table: SignatureTable | None = None
-
-    def taken_out(self, vectors: FloatArray, table: SignatureTable) -> FloatArray:
-        """Return features whose delays do not jump alone; those of before are not gone through.
-
-        Parameters
-        ----------
-        vectors : (N, F) array
-            Features [unit by feature].
-        table : SignatureTable
-            Names of the features.
-        """
-        if not set(DELAYS) <= set(table.features):
-            return vectors
-        if self._table is not table or not begins(self._given, vectors):
-            self._table, self._out, self._delays = table, Growing(vectors.shape[1]), Growing(2)
-            self._shift = np.zeros(2)
-            self._slips = np.full((2, _MOST_SLIPS), -_RECENT - 1)  # the last rows that slipped
-        columns = [table.features.index(n) for n in DELAYS]
-        count = len(self._out)
-        self._delays.put(count, vectors[count:, columns])
-        take_out_slips(self._delays.rows, self._shift, self._slips, count)
-        self._out.put(count, vectors[count:])
-        self._out.rows[count:, columns] = self._delays.rows[count:]
-        self._given = vectors
-        return self._out.rows
-
-
-@njit(cache=True)
-def take_out_slips(delays: FloatArray, shift: FloatArray, slips: IntArray, first: int) -> None:
-    """Take jumps of one of two delays alone out of (N, 2) delays [s], in place.
-
-    Parameters
-    ----------
-    delays : (N, 2) array
-        Delays of N cycles, NaN where one does not show it [s].
-    shift : (2,) array
-        What was taken out of the last row before [s]; is kept up.
-    slips : (2, K) int64 array
-        Last rows in which each slipped; is kept up.
-    first : int
-        First row that is gone through.
-    """
-    usual, known = np.empty(2), np.empty(_RECENT)
-    for row in range(max(first, 1), len(delays)):
-        for i in range(2):
-            count = 0
-            for k in range(max(row - _RECENT, 0), row):
-                if np.isfinite(delays[k, i]):
-                    known[count] = delays[k, i]
-                    count += 1
-            usual[i] = np.median(known[:count]) if count else np.nan
-        off = delays[row] - shift - usual
-        for i in range(2):
-            alone, other = off[i], off[1 - i]
-            if np.isnan(other):
-                other = 0.0
-            often = row - slips[i, 0] < _RECENT
-            jumps = _SLIP_S[0] < abs(alone) < _SLIP_S[1] and not often
-            if jumps and abs(other) < _UNMOVED * abs(alone):
-                shift[i] += alone
-                slips[i, :-1] = slips[i, 1:]
-                slips[i, -1] = row
-        delays[row] -= shift
 
 
 def without_timed(vectors: FloatArray, table: SignatureTable) -> FloatArray:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis.campaign import CampaignConfig, run_campaign
+from valve_twin.core.diagnosis.changes.slips import Slips
 from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.generic.campaign import (
@@ -22,7 +23,6 @@ from valve_twin.core.diagnosis.generic.faults import FAULTS
 from valve_twin.core.diagnosis.generic.reference import Reference
 from valve_twin.core.diagnosis.generic.rig import FaultyValve, ModelRig
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
-from valve_twin.core.diagnosis.products import Slips
 from valve_twin.core.valves.registry import get_model, get_simulation, model_names
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.offline.simulated_bag import simulation_of

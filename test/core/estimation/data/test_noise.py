@@ -26,6 +26,28 @@ def test_noise_is_unbiased(make_frames, sigma):
     assert np.mean(measured) == pytest.approx(sigma, rel=0.015)
 
 
+def test_single_outliers_are_no_noise_where_they_are_left_out(make_frames):
+    """Stranger 96074: 4e-3 in one sample, which no search for spikes finds, told as noise."""
+    rng = np.random.default_rng(7)
+    quiet = 5e-5 * rng.standard_normal(200)
+    odd = quiet.copy()
+    odd[[0, 90]] += 4e-3, -4e-3  # one at the edge of the record
+    for x, sigma in ((odd, 5e-5), (quiet, 5e-5)):
+        frames = make_frames(x)
+        masks = find_masks(frames, PERIOD_S, push=(1.0, -1.0))
+        assert rest_noise(frames, masks, outliers=False).sigma == pytest.approx(sigma, rel=0.2)
+    assert noise_of(make_frames(odd)).sigma > 4.0 * 5e-5
+
+
+def test_steps_of_a_sensor_that_mostly_repeats_are_not_taken_for_outliers(make_frames):
+    x = 1e-3 * (np.arange(200) % 9 == 0)
+    frames = make_frames(x)
+    masks = replace(find_masks(frames, PERIOD_S, push=(1.0, -1.0)), stale=np.zeros(200, bool))
+    with_all, without = (rest_noise(frames, masks, outliers=o).sigma for o in (True, False))
+    assert without == pytest.approx(with_all, rel=1e-12)
+    assert without > 0.0
+
+
 def test_noise_of_whole_cycles_does_not_count_the_motion():
     truth = Truth(sigma=1e-3, leak=3e-5)
     measured = [

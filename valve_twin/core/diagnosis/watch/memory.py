@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from valve_twin.core.diagnosis.changes import beyond
+from valve_twin.core.diagnosis.changes import beyond, slips
 from valve_twin.core.diagnosis.direct.noise import Noise
 from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.generic.features import MOVE_NOISE
 from valve_twin.core.diagnosis.generic.reference import has_noise_of_rest
-from valve_twin.core.diagnosis.products import Slips, take_out_slips
 from valve_twin.core.diagnosis.watch.alarm import Seen
 from valve_twin.core.diagnosis.watch.growing import Growing, begins
 from valve_twin.core.diagnosis.watch.straight import follow
@@ -115,7 +114,7 @@ class Memory:
 
     def __init__(self) -> None:
         self._parts: dict[int, Part] = {}
-        self.slips = Slips()
+        self.slips = slips.Slips()
 
     def of(self, first: int) -> Part:
         """Return what was found in the record that begins with a row."""
@@ -182,4 +181,4 @@ def warm_up() -> None:
     rows_times(one, one)
     follow(sums, sums, sums, one, 2, 0, (1, 2, 1.0), one.copy(), one.copy(), one.copy())
     beyond.warm_up()
-    take_out_slips(np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2), dtype=np.int64), 0)
+    slips.warm_up()

@@ -233,6 +233,7 @@ def rest_bends(
     stuck: BoolArray,
     active: float,
     settle: int,
+    bends: FloatArray,
 ) -> tuple[float, int]:
     """Return the sum of squared second differences at rest, of fresh samples, and their number.
 
@@ -248,6 +249,8 @@ def rest_bends(
         Command that acts [1].
     settle : int
         Samples after a command until rest [1].
+    bends : (N,) array
+        Gets these second differences [1].
     """
     acted, label = _LONG_AGO, 0
     count, first, second, total = 0, 0.0, 0.0, 0.0
@@ -266,6 +269,7 @@ def rest_bends(
         if first_label == label:
             bend = position[i] - 2.0 * second + first
             total += bend * bend
+            bends[count] = bend
             count += 1
         first, first_label = second, second_label
         second, second_label = position[i], label

@@ -11,11 +11,14 @@ import numpy as np
 
 from valve_twin.core.estimation.data.kernels import rest_bends
 from valve_twin.core.estimation.data.masks import Masks, contiguous, held_recently
+from valve_twin.core.estimation.data.robust import robust_sigma
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, Frames
 
 MIN_REST_SAMPLES = 20  # fewest second differences at rest that give a noise level [1]
+_ROUNDING = 1e-12
+_OUTLYING = 6.0  # of normal noise one second difference in 5e8 is as large [standard deviations]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +58,12 @@ def find_rest(
 
 
 def rest_noise(
-    frames: Frames, masks: Masks, *, active_command: float = 0.003, settle: int = 15
+    frames: Frames,
+    masks: Masks,
+    *,
+    active_command: float = 0.003,
+    settle: int = 15,
+    outliers: bool = True,
 ) -> RestNoise:
     """Measure the position noise at rest from second differences of fresh samples.
 
@@ -72,12 +80,15 @@ def rest_noise(
         Command above which an input moves the spool at all [1].
     settle : int
         Samples to wait after the last command [samples].
+    outliers : bool
+        Whether second differences count that white noise does not have.
 
     Returns
     -------
     RestNoise
         Standard deviation and count; sigma is NaN below `MIN_REST_SAMPLES`.
     """
+    bends = np.empty(len(frames))
     total, count = rest_bends(
         contiguous(frames.position),
         contiguous(frames.inputs),
@@ -87,7 +98,13 @@ def rest_noise(
         masks.stuck,
         active_command,
         settle,
+        bends,
     )
     if count < MIN_REST_SAMPLES:
         return RestNoise(float("nan"), count)
+    if not outliers:
+        size = np.abs(bends[:count])
+        most = _OUTLYING * robust_sigma(size)  # none where most values repeat: it has steps
+        kept = size[size <= most] if most > _ROUNDING else size
+        return RestNoise(float(np.sqrt(kept @ kept / len(kept) / 6.0)), len(kept))
     return RestNoise(float(np.sqrt(total / count / 6.0)), count)

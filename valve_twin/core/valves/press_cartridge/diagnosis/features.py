@@ -16,7 +16,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.direct.bounds import OFF_SEAT, WEAK_SMALL
 from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED
-from valve_twin.core.diagnosis.features import FeatureSet
+from valve_twin.core.diagnosis.features import RETURNS, FeatureSet
 from valve_twin.core.estimation.data.masks import held_recently
 from valve_twin.core.estimation.data.noise import find_rest, rest_noise
 from valve_twin.core.estimation.data.robust import find_spikes
@@ -34,6 +34,7 @@ COUNTS = (
     Parameter(DUE, "1", "values in motions so fast that each must differ from the last", 0.0),
     Parameter(OFF_SEAT, "1", "distance from the lower seat at rest, 0 = where it may be"),
     Parameter(WEAK_SMALL, "1", "share of a large command's gain that a small one lacks, 0 = few"),
+    Parameter(RETURNS, "s", "time from the start of a cycle to its first large outflow command"),
 )
 """What stands beside the features: it needs no past of the valve to be compared with."""
 
@@ -66,6 +67,10 @@ strangers without a fault the least has 0.74."""
 
 _LEAST_SPIKE = 6e-3
 """Height of a single outlier that is left out [1]: what noise of 5e-4 does not reach."""
+
+_FAR, _LEAST_STRAY, _FEW = 8.0, 3e-3, 0.05
+"""Distance of a single outlier from the level at rest [standard deviations of the noise, 1], and
+the share of the rest below which they are single [1]: a spool that creeps is not."""
 
 _LEAST_KNOWN = 0.1
 """Standard error of a gain over that of large commands, from which on noise hides it [1]."""
@@ -217,13 +222,20 @@ def cycle_features(
     low = rest & good & (x < options.lower_seat + options.near)
     free = rest & good & (x > options.lower_seat + options.near)
     hold = _runs(free & (x < options.upper_seat - options.near), 4 * options.min_run)
-    noise = rest_noise(frames, masks, active_command=options.active_command, settle=options.settle)
+    noise = rest_noise(
+        frames,
+        masks,
+        active_command=options.active_command,
+        settle=options.settle,
+        outliers=False,
+    )
     into = _lines(frames, good, 0, 1.0, options)
     out = _lines(frames, good, 1, -1.0, options)
     repeats = np.count_nonzero(np.diff(x) == 0.0) / max(len(x) - 1, 1)
-    level = float(x[low].mean()) if np.count_nonzero(low) >= options.min_run else np.nan
     missed = missed_values(x)
     sigma = float(np.fmax(noise.sigma, missed.quantum / np.sqrt(12.0)))
+    low &= ~_strays(x, low, sigma)
+    level = float(x[low].mean()) if np.count_nonzero(low) >= options.min_run else np.nan
     in_low, out_low = _shown(*into, sigma), _shown(*out, sigma)
     off = _resolved(x[low], missed.quantum, options) if np.isfinite(level) else np.nan
     values = (
@@ -244,6 +256,7 @@ def cycle_features(
         missed.due,
         _off_seat(level - options.lower_seat, noise.sigma, missed.quantum, options.margin),
         _weak_small(sigma, into, out),
+        _returns(frames, period_s, options),
     )
     return tuple(_value(name, v) for name, v in zip(_STORED, values, strict=True))
 
@@ -254,6 +267,21 @@ def _value(
     if np.isfinite(value) and not (name in RELATIVE and value <= 0.0):
         return ParameterValue(name, float(value))
     return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
+
+
+def _strays(x: FloatArray, low: BoolArray, sigma: float) -> BoolArray:
+    """Return which samples at rest are single outliers, which no search for spikes finds."""
+    if not low.any():
+        return low
+    far = np.abs(x - np.median(x[low])) > np.fmax(_FAR * sigma, _LEAST_STRAY)
+    few = np.count_nonzero(far & low) < _FEW * np.count_nonzero(low)
+    return np.asarray(far & low & few, dtype=np.bool_)
+
+
+def _returns(frames: Frames, period_s: float, options: FeatureOptions) -> float:
+    """Return when the first large outflow command comes [s]; NaN without any."""
+    large = np.flatnonzero(frames.inputs[:, 1] > options.high_command)
+    return float(large[0]) * period_s if len(large) else float("nan")
 
 
 def _resolved(rest: FloatArray, quantum: float, options: FeatureOptions) -> float:
