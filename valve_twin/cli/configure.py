@@ -125,11 +125,12 @@ def _configure_files(arguments: argparse.Namespace) -> int:
         _picture(arguments, survey, choice)
         return fail(f"{paths[0]}: {why}")
     limits: list[Limit] = []
-    if choice.repeat is None:
+    if choice.repeat is None or choice.repeat.command:
         first = paths[:MOST_CYCLES]
         cycles = choice.plan.count * len(first) / len(survey.recordings)
         text = yaml_text(survey, choice, arguments.files)
-        limits = justified_limits(text, first, cycles or math.inf)
+        alone = choice.repeat is not None
+        limits = justified_limits(text, first, cycles or math.inf, own=not alone)
         say(limit_line(limits))
     _write(arguments, yaml_text(survey, choice, arguments.files, limits))
     _picture(arguments, survey, choice)

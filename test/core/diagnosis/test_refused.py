@@ -10,7 +10,8 @@ from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.series import order_history
 from valve_twin.core.aging.verdict import VerdictKind
-from valve_twin.core.diagnosis.changes.finding import FRESH, Finding
+from valve_twin.core.diagnosis.changes.finding import FRESH, Finding, describe_finding
+from valve_twin.core.diagnosis.generic.motion import Motion
 from valve_twin.core.diagnosis.refused import (
     LEAST_REFUSED,
     featureless,
@@ -155,6 +156,34 @@ def test_a_sensor_without_noise_stands_still_where_the_command_does_not_end(nois
 )
 def test_a_cycle_of_usual_length_or_with_motion_is_not(last):
     assert still([*USUAL, last]) is None
+
+
+def driven(cycle, spread, *, repeats=1.0, motion=()):
+    """Return the features of a cycle whose command changes by so much, of any valve."""
+    shown = with_repeats(cycle, repeats)
+    more = (ParameterValue("program.command.spread", spread), *motion)
+    return replace(shown, parameters=(*shown.parameters, *more))
+
+
+@pytest.mark.parametrize(("spread", "told"), [(0.0, False), (0.09, False), (0.15, True)])
+def test_a_valve_that_is_not_asked_to_move_is_not_stuck(spread, told):
+    before = [driven(c, 0.2, repeats=0.1) for c in range(1, 21)]
+    cycles = [refused(c, RefusalCode.NO_MOTION.value, stroke=0.0) for c in (21, 22, 23)]
+    still_shown = [driven(c, spread, repeats=0.1) for c in (21, 22, 23)]
+    assert bool(still([*USUAL, *before, *cycles, *still_shown])) is told
+    since = [*still_shown[:2], driven(23, 0.0, repeats=0.1)]
+    assert bool(still([*USUAL, *before, *cycles, *since])) is told  # nothing tells that it is over
+
+
+@pytest.mark.parametrize(("noise", "fault"), [(2e-3, "sensor_freeze"), (2.9e-4, "no_motion")])
+def test_a_sensor_whose_steps_hide_its_noise_may_be_right_where_nothing_moves(noise, fault):
+    motion = Motion(0.1, noise, 1e-3, (0.0, 9.0), (0.0, 1.0)).values()
+    before = [driven(c, 0.2, repeats=0.5, motion=motion if c == 6 else ()) for c in range(1, 21)]
+    cycles = [refused(c, RefusalCode.NO_MOTION.value, stroke=0.0) for c in (21, 22)]
+    found = still([*USUAL, *before, *cycles, *(driven(c, 0.2) for c in (21, 22))])
+    assert found is not None
+    assert found.fault == fault
+    assert "freezing position sensor" in describe_finding(found)
 
 
 def test_first_cycles_that_do_not_move_have_no_usual_stroke():

@@ -2,11 +2,14 @@
 # Copyright 2026 valve_twin maintainers
 """Limit switches and a command: an on/off drive with a spring, of another hand, gives timing."""
 
+import json
+
 import numpy as np
 import pytest
 
 from test.io.configure.test_proposal import chain, value
 from test.io.configure.test_survey import STEP_S, survey
+from valve_twin.cli import main
 from valve_twin.core.types import CycleRule
 from valve_twin.io.configure import switches
 from valve_twin.io.configure.switches import find_switches
@@ -93,3 +96,47 @@ def test_each_of_many_alarms_beside_them_is_looked_through_once(tmp_path, monkey
     assert found is not None
     assert found[1].channel == "Endlage Auf + Endlage Zu"
     assert len(looked) <= len(alarms) + 4
+
+
+def jammed(rows, how):
+    """Return rows in which a drive jams in its last third: at an end, or between both."""
+    rows = rows.copy()
+    asked = np.flatnonzero(np.diff(rows[:, 0]) > 0.0) + 1
+    late = slice(int(asked[2 * CYCLES // 3]), None)
+    if how == "open":
+        late = slice(int(np.argmax(rows[late, 1])) + late.start, None)
+    opens, closes = {"closed": (0.0, 1.0), "open": (1.0, 0.0)}.get(how, (0.0, 0.0))
+    if how == "short":  # it moves, but not to its open end
+        closes = rows[late, 2]
+    rows[late, 1], rows[late, 2] = opens, closes
+    return rows
+
+
+@pytest.mark.no_cover
+@pytest.mark.parametrize(
+    ("how", "fault", "mode"),
+    [
+        ("", "", ""),
+        ("closed", "no_opening", "FTO"),
+        ("between", "no_opening", "FTO"),
+        ("short", "no_opening", "FTO"),
+        ("open", "no_closing", "FTC"),
+    ],
+)
+def test_a_shut_off_valve_that_misses_an_end_says_which(tmp_path, how, fault, mode):
+    rows = drive()
+    survey(tmp_path / "sound.csv", columns(rows))
+    survey(tmp_path / "a.csv", columns(jammed(rows, how) if how else rows))
+    config, bag, out = (str(tmp_path / n) for n in ("valve.yaml", "bag", "out.jsonl"))
+    assert main(["configure", str(tmp_path / "sound.csv"), "--yes", "--out", config]) == 0
+    assert main(["import", str(tmp_path / "a.csv"), "--config", config, "--out", bag]) == 0
+    main(["estimate", bag, "--config", config, "--json", out])
+    lines = [json.loads(x) for x in (tmp_path / "out.jsonl").read_text().splitlines()]
+    verdict, advice = (next(x for x in lines if x["kind"] == k) for k in ("verdict", "advice"))
+    assert (verdict["fault"], advice["failure_mode"]) == (fault, mode)
+    if how:
+        assert verdict["verdict"] == "VALVE"
+        assert advice["ne107"] == "failure"
+        assert verdict["evidence"].endswith(f"since cycle {2 * CYCLES // 3 + 1}")
+    else:
+        assert verdict["verdict"] in {"OK", "NO_REFERENCE"}

@@ -16,6 +16,7 @@ from valve_twin.core.diagnosis.changes.finding import CLOCK, NOTHING, Diagnosis,
 from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
+from valve_twin.core.diagnosis.direct.unreached import unreached
 from valve_twin.core.diagnosis.features import NOISE, RETURNS
 from valve_twin.core.diagnosis.generic.motion import motion_from
 from valve_twin.core.diagnosis.generic.naming import named_by_motion
@@ -89,12 +90,14 @@ def diagnose(
     Returns
     -------
     Diagnosis
-        `NOTHING` where no features are stored or the model has no signatures.
+        `NOTHING` where no features are stored or the model has no signatures, and no end is
+        missed.
     """
     past = past_of(history)
     found = search(past, maintenance, known).diagnosis
     if found is NOTHING:
-        return NOTHING
+        missed = unreached(past)
+        return NOTHING if missed is None else replace(NOTHING, findings=(missed,))
     doubt = found.doubt or doubt_of_product(products_of(_once_a_cycle(past.features)))
     found = replace(found, findings=with_still(found.findings, still(past)), doubt=doubt)
     since = max((m.cycle for m in maintenance), default=0)

@@ -11,6 +11,8 @@ import numpy as np
 
 from valve_twin.core.diagnosis.changes.finding import CLOCK, FRESH, Finding, Stale
 from valve_twin.core.diagnosis.features import NOISE
+from valve_twin.core.diagnosis.generic.hidden import is_hidden
+from valve_twin.core.diagnosis.generic.programs import asked
 from valve_twin.core.past.columns import past_of
 from valve_twin.core.types import EstimateStatus
 
@@ -87,7 +89,8 @@ def featureless(rows: Rows, features: Rows) -> str:
 def still(history: Iterable[Estimate] | Past) -> Finding | None:
     """Return that nothing moves: the newest cycles were refused, and their position stayed.
 
-    One such cycle is enough where it did not end either.
+    One such cycle is enough where it did not end either. Cycles that ask for no motion tell
+    nothing.
 
     Parameters
     ----------
@@ -113,6 +116,7 @@ def still(history: Iterable[Estimate] | Past) -> Finding | None:
         return None
     moved = ~(stroke[newest[::-1]] < _STILL * np.median(usual))
     run = newest[::-1][: int(np.argmax(moved)) if moved.any() else len(moved)]
+    run = run[asked(past.features, rows.cycle[run], int(rows.cycle[newest[0]]))]
     late = length[run] > _OVERDUE * np.median(length[before])
     overdue = len(run) and bool(late[0])
     if not overdue and len(run) < _LEAST_STILL:
@@ -122,10 +126,13 @@ def still(history: Iterable[Estimate] | Past) -> Finding | None:
     repeats = repeats[repeats >= 0.0]
     frozen = bool(len(repeats)) and bool(repeats.min() > _FROZEN)
     frozen = frozen and not (overdue and _is_noiseless(past.features, int(rows.cycle[newest[0]])))
+    rivals: tuple[str, ...] = ()
+    if frozen and is_hidden(past.features):
+        frozen, rivals = False, ("sensor_freeze",)
     name, part = ("sensor_freeze", "sensor") if frozen else ("no_motion", "valve")
     size = 1.0 if frozen else float("nan")
     alarm = cycle[-1] if late[-1] else cycle[-_LEAST_STILL]  # the first that told it
-    return Finding(name, (), part, size, float("nan"), int(cycle[-1]), int(alarm))
+    return Finding(name, rivals, part, size, float("nan"), int(cycle[-1]), int(alarm))
 
 
 def with_still(findings: Sequence[Finding], stuck: Finding | None) -> tuple[Finding, ...]:
@@ -162,9 +169,10 @@ def with_still(findings: Sequence[Finding], stuck: Finding | None) -> tuple[Find
 def _says_it(fault: Finding, stuck: Finding) -> bool:
     """Return whether a fault says why nothing moves.
 
-    Lost commands do not where nothing moved from their first cycle on: the spool may be stuck.
+    Lost commands do not where nothing moved from their first cycle on, or the one behind it, whose
+    first is a mixture: the spool may be stuck.
     """
-    since = fault.onset >= stuck.onset and stuck.fault == "no_motion"
+    since = fault.onset >= stuck.onset - 1 and stuck.fault == "no_motion"
     return fault.fault in _SAYS_IT and not (since and fault.fault == "command_loss")
 
 

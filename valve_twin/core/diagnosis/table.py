@@ -80,6 +80,18 @@ FAULT_TYPES = (
         sized=False,
     ),
     FaultType(
+        "no_opening",
+        "valve",
+        "it does not open: jammed, without drive, or its switch does not report the open end",
+        sized=False,
+    ),
+    FaultType(
+        "no_closing",
+        "valve",
+        "it does not close: jammed, without drive, or its switch does not report the closed end",
+        sized=False,
+    ),
+    FaultType(
         "sensor_offset",
         "sensor",
         "offset of the position sensor, share of the travel",

@@ -56,7 +56,9 @@ class Limit:
     reason: str
 
 
-def justified_limits(text: str, files: Sequence[Path], count: float = math.inf) -> list[Limit]:
+def justified_limits(
+    text: str, files: Sequence[Path], count: float = math.inf, *, own: bool = True
+) -> list[Limit]:
     """Estimate the first cycles of files and return a limit a parameter that is followed.
 
     Parameters
@@ -67,6 +69,8 @@ def justified_limits(text: str, files: Sequence[Path], count: float = math.inf) 
         What it was proposed for.
     count : float
         About how many cycles these hold [1]: too few are not estimated.
+    own : bool
+        Whether what the model follows by default is meant, too, not only what its options add.
 
     Returns
     -------
@@ -83,7 +87,7 @@ def justified_limits(text: str, files: Sequence[Path], count: float = math.inf) 
         write_whole(written, text)
         config = load_config(written)[0]
         model = get_model(config.model)
-        followed = [p.name for p in model.parameters if p.trend]
+        followed = [p.name for p in model.parameters if p.trend and own]
         followed += model.also_followed(config.options)
         if count < LEAST_CYCLES:
             why = f"none: {count:.0f} cycles, {LEAST_CYCLES} tell the scatter"

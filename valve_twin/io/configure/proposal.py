@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from valve_twin.io.configure.survey import Choice
 
 _BATCHED_S = 0.02  # a shorter step is imported in batches [s]
+_TIMING = "timing of a signal that repeats, no command recorded"
 _SHOWN = 3  # models named in the reasons
 _TIE = 1.0  # points of fit by which a black box may be better, assumed [%]
 _LIKELY = 50.0  # a free-run fit below deserves a word [%]
@@ -73,10 +74,10 @@ def yaml_text(
         text = value if isinstance(value, str) else number_text(value)
         lines.append(f"      {key}: {text}   # {EXPLAINED[key]}")
     lines += _options(choice)
-    if choice.repeat is not None:
+    if choice.repeat is not None and not choice.repeat.command:
         lines += [
             "    aging:",
-            f'      label: "{_timing_of(choice.repeat)}"   # no verdict',
+            f'      label: "{_TIMING}"   # no verdict',
             "      default_percent: 0.0   # no change here is aging until a limit is set [%]",
         ]
     else:
@@ -103,12 +104,6 @@ def yaml_text(
     else:
         lines.append(f'      base_stamp: "{BASE_STAMP}"   # no date in the file: for time 0')
     return "\n".join(lines) + "\n"
-
-
-def _timing_of(repeat: Repeat) -> str:
-    if repeat.command:
-        return "timing of strokes between limit switches"
-    return "timing of a signal that repeats, no command recorded"
 
 
 def _quoted(text: str) -> str:
@@ -304,7 +299,8 @@ def reasons(survey: Survey, choice: Choice, count: int) -> list[str]:
             f"signal: '{choice.repeat.channel}': limit switches, no position: the valve moves "
             "where neither is on",
             f"model: {choice.repeat.model}: of each stroke rise_instant is the dead time, decay "
-            "the stroke time, valve_lag by how much its middle is later",
+            "the stroke time, close_time that back, valve_lag by how much the middle is later; an "
+            "end that is missed twice in a row is a fault",
         ]
     elif choice.repeat is not None:
         lines += [

@@ -138,6 +138,7 @@ def _options(mean: FloatArray, stroke: _Stroke, period_s: float) -> Mapping[str,
     half = min(_ROOM * stroke.arrives, _APART * apart)
     margin = _EDGE * (stroke.returns - stroke.arrives)
     return {
+        "between_ends": True,
         "spike_start_s": 0.0,
         "spike_end_s": (stroke.returns - half - 1.0) * period_s,
         "spike_half_width_s": half * period_s,

@@ -108,6 +108,17 @@ def test_noise_and_repeats_are_measured(motion, shown):
     assert shown(noisy)["repeats"] == pytest.approx(0.5, abs=0.01)
 
 
+@pytest.mark.parametrize("asks", [0.0, 0.04])
+def test_a_cycle_that_asks_for_nearly_no_motion_tells_nothing(motion, asks):
+    """A loop that rests repeats a rounded position, and follows no noise of its command."""
+    response = 0.4 + asks * (motion - motion[0])
+    rested = cycle_features(Record(np.full(400, 0.4), response, PERIOD_S, NONE, span=SPAN))
+    assert not np.isfinite(list(rested.values())).any()
+    moved = cycle_features(Record(np.full(400, 0.4), motion, PERIOD_S, NONE, span=SPAN))
+    assert moved["repeats"] == 1.0
+    assert moved["unfollowed"] > 0.5
+
+
 def test_a_command_at_its_end_is_counted(motion, shown):
     commands = np.where(np.arange(400) < 100, 1.0, 0.3)[:, None]
     assert shown(motion, commands=commands)["saturated"] == pytest.approx(0.25)

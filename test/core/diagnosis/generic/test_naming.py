@@ -12,7 +12,7 @@ import pytest
 from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Finding
 from valve_twin.core.diagnosis.config import OF_ANY_VALVE
 from valve_twin.core.diagnosis.generic.explained import NAMED
-from valve_twin.core.diagnosis.generic.naming import in_travel, renamed
+from valve_twin.core.diagnosis.generic.naming import by_repeats, in_travel, renamed
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
 from valve_twin.core.valves.registry import get_model
 
@@ -84,6 +84,26 @@ def test_a_sensor_that_repeats_more_values_keeps_its_name_and_one_that_does_not_
     rows = shown(sticking=1.0)
     assert named(finding("sensor_freeze"), rows, features=frozen) == finding("sensor_freeze")
     assert named(finding("sensor_freeze"), rows).fault == "sticking"
+
+
+@pytest.mark.parametrize(
+    ("told", "noise", "repeats", "name"),
+    [
+        ("command_loss", 2.0, 0.6, "sensor_freeze"),  # noise is gone: no stem does that
+        ("command_loss", 2.0, 0.25, "command_loss"),
+        ("command_loss", 0.3, 0.6, "command_loss"),
+        ("sensor_freeze", 0.3, 1.0, "no_motion"),  # noise was never seen
+        ("sensor_freeze", 0.3, 0.6, "sensor_freeze"),
+        ("sensor_freeze", 2.0, 1.0, "sensor_freeze"),
+        ("sensor_freeze", np.nan, 1.0, "sensor_freeze"),
+    ],
+)
+def test_repeated_values_are_the_sensors_where_its_noise_is_seen(told, noise, repeats, name):
+    features = np.zeros((len(CYCLES), len(table().features)))
+    features[:, table().features.index("repeats")] = np.where(CYCLES >= ONSET, repeats, 0.2)
+    found = by_repeats([finding(told)], CYCLES, features, table(), noise, OF_ANY_VALVE)[0]
+    assert found.fault == name
+    assert found.rivals == (("sensor_freeze",) if name == "no_motion" else ())
 
 
 def test_an_offset_that_comes_with_another_shape_is_what_makes_that():

@@ -132,11 +132,10 @@ def describe_finding(finding: Finding) -> str:
             f"{kind.text} {abs(finding.severity) * 1e6:.0f} ppm, seen {since} ({sure}): log both "
             "by one clock, or synchronise the two"
         )
-    if not kind.sized:
-        return f"{kind.text}, {since}"
     if not math.isfinite(finding.deviation):
         sure = "no sound valve shows it"
-    line = f"{kind.text}, size {size_of(finding)}, {since} ({sure})"
+    size = f", size {size_of(finding)}" if kind.sized else ""
+    line = f"{kind.text}{size}, {since}" + (f" ({sure})" if kind.sized else "")
     if not finding.rivals:
         return line
     others = " or ".join(BY_NAME[name].text for name in finding.rivals)

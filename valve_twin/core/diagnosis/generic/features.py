@@ -96,6 +96,10 @@ _MISSED = 0.5
 _STAYS = 0.2
 """Share of what a move lacks by which a shift may change behind later moves, assumed [1]."""
 
+_ASKED = 0.1
+"""Share of the usual span that a cycle asks for at least where it tells anything: a stem at rest
+repeats values as a frozen sensor does, and follows no noise of its command, assumed [1]."""
+
 _END = 0.999
 """Share of the full scale from which on a command is at its end [1]."""
 
@@ -224,13 +228,15 @@ def cycle_features(record: Record) -> dict[str, float]:
     y = record.position[np.isfinite(record.position)]
     if len(y) < _LEAST_SAMPLES or record.missing > _MOST_GAPS:
         return found
-    found["repeats"] = float(np.mean(np.diff(y) == 0.0))
     steered = record.commands[:, ~_switched(record.commands)]
     if steered.shape[1]:
         found["saturated"] = float(np.mean((np.abs(steered) >= _END).any(axis=1)))
     known = record.known
     response, span = record.response[known], span_of(record)
-    if not span > 0.0:
+    asked = span >= _ASKED * (span if np.isnan(record.span) else record.span) and span > 0.0
+    if asked or not known.any():
+        found["repeats"] = float(np.mean(np.diff(y) == 0.0))
+    if not asked:
         return found
     off = (record.position[known] - response) / span
     found[DEVIATION] = float(np.sqrt(np.mean(off**2)))

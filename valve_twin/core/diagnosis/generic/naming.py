@@ -18,6 +18,7 @@ from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.features import UNFOLLOWED
 from valve_twin.core.diagnosis.generic.explained import EXPLAINED, NAMED
 from valve_twin.core.diagnosis.generic.features import SPAN
+from valve_twin.core.diagnosis.generic.hidden import HIDDEN, frozen_share, noise_of
 from valve_twin.core.diagnosis.generic.stands import LOST, REGAINED
 from valve_twin.core.diagnosis.table import BY_NAME
 
@@ -60,7 +61,10 @@ _SHAPED = 1.0
 _FROZEN = 0.5
 """Share of its size by which the repeated values of a freezing sensor rise at least [1]."""
 
-_REPEATS = "repeats"
+_REPEATS, _FREEZE = "repeats", "sensor_freeze"
+_ALL = 0.999
+"""Share of the values that repeat where all do, assumed [1]."""
+
 _LOST, _OFFSET = "command_loss", "sensor_offset"
 _PLAY, _STICKS = "lost_motion", "sticking"
 
@@ -113,7 +117,61 @@ def named_by_motion(
     config, cycles = detection_of(model.feature_set), shown.cycle[own]
     ways = explained_in(shown)[own], table, config, restarts, stands_in(shown)[own]
     named = renamed(findings, cycles, features, *ways)
+    named = by_repeats(named, cycles, features, table, noise_of(shown), config)
     return in_travel(named, cycles, shown.usable(SPAN)[own], model)
+
+
+def by_repeats(
+    findings: Sequence[Finding],
+    cycles: IntArray,
+    features: FloatArray,
+    table: SignatureTable,
+    noise: float,
+    config: DetectionConfig,
+) -> tuple[Finding, ...]:
+    """Return faults, a sensor said to be frozen where its noise tells it.
+
+    A sensor that repeats everything and never shows noise may be right: nothing moves.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        Faults of one product, as they are named by all else.
+    cycles : (N,) int array
+        Cycle numbers, rising.
+    features : (N, F) array
+        Features as they are followed [unit by feature].
+    table : SignatureTable
+        Signatures of the valve's faults.
+    noise : float
+        Noise of the sensor over its step, NaN where not known [1].
+    config : DetectionConfig
+        How many cycles name a fault.
+    """
+    if _FREEZE not in table.faults or _REPEATS not in table.features:
+        return tuple(findings)
+    repeats, named = features[:, table.features.index(_REPEATS)], []
+    for f in findings:
+        until = f.end if f.end >= 0 else np.inf
+        before = repeats[cycles < f.onset]
+        with_it = repeats[(cycles >= f.onset) & (cycles < until)][: config.isolate + 1]
+        with_it = with_it[1:] if len(with_it) > 1 else with_it
+        before, with_it = before[np.isfinite(before)], with_it[np.isfinite(with_it)]
+        if len(before) < _LEAST_BEFORE or not len(with_it):
+            named.append(f)
+            continue
+        now = float(with_it.mean())
+        share = frozen_share(noise, float(before.max()), now)
+        if f.fault == _FREEZE and noise <= HIDDEN and now > _ALL:
+            name, rivals, size = "no_motion", (_FREEZE,), float("nan")
+        elif share > 0.0:
+            name, rivals, size = _FREEZE, (), share
+        else:
+            named.append(f)
+            continue
+        part = BY_NAME[name].part
+        named.append(replace(f, fault=name, rivals=rivals, part=part, severity=size))
+    return tuple(named)
 
 
 def in_travel(

@@ -32,6 +32,10 @@ assumed [1]."""
 _ONE = 1e-9
 """Spread of a command over its mean below which it does not change: error of the mean [1]."""
 
+_ASKED = 0.5
+"""Share of the usual spread of a command from which on the valve is asked to move: less may be
+within its dead band, assumed [1]."""
+
 _FEWEST = 5
 """Fewest cycles of a program, as of a product."""
 
@@ -75,6 +79,29 @@ def values(model: ValveModel, cycle: Cycle) -> list[ParameterValue]:
         numbers += [float(known.mean()), float(known.std())] if len(known) else [math.nan] * 2
     pairs = zip(published(model), numbers, strict=True)
     return [ParameterValue(p.name, v) for p, v in pairs if math.isfinite(v)]
+
+
+def asked(features: Rows, cycles: IntArray, since: int) -> BoolArray:
+    """Return in which cycles the commands changed as much as to move the valve, (N,).
+
+    Parameters
+    ----------
+    features : Rows
+        Features of all cycles.
+    cycles : (N,) int64 array
+        Numbers of the cycles that are asked for; True where nothing is stored of one.
+    since : int
+        Number of the first cycle that does not tell what is usual.
+    """
+    found = np.zeros(len(cycles), dtype=np.bool_)
+    names = [n for n in features.parameters if n.startswith(PROGRAM) and n.endswith(".spread")]
+    for name in names:
+        spread = features.value(name)
+        usual = spread[(features.cycle < since) & (spread > 0.0)]
+        least = _ASKED * float(np.median(usual)) if len(usual) else 0.0
+        of = dict(zip(features.cycle.tolist(), spread.tolist(), strict=True))
+        found |= np.array([not of.get(c, math.nan) < least for c in cycles.tolist()], dtype=bool)
+    return found if names else ~found
 
 
 def with_programs(product: IntArray, rows: Rows) -> IntArray:

@@ -21,8 +21,10 @@ from valve_twin.core.valves.cycle_timing.kernels import STATE_SIZE, predict_bloc
 from valve_twin.core.valves.cycle_timing.parameters import (
     ESTIMATOR,
     PARAMETERS,
+    STROKES,
     CycleTimingOptions,
 )
+from valve_twin.core.valves.cycle_timing.strokes import find_strokes
 from valve_twin.core.valves.cycle_timing.timing import Timing, find_timing
 from valve_twin.core.valves.cycle_timing.windows import windows_of
 from valve_twin.core.valves.kit.compiled import CompiledModel
@@ -41,7 +43,7 @@ class CycleTimingModel(CompiledModel):
     name: str = "cycle_timing"
     inputs: tuple[str, ...] = ()
     output: str = "flow"
-    parameters: tuple[Parameter, ...] = PARAMETERS
+    parameters: tuple[Parameter, ...] = (*PARAMETERS, *STROKES)
     options: CycleTimingOptions = field(default_factory=CycleTimingOptions)
     kernel = predict_block
     state_size = STATE_SIZE
@@ -77,6 +79,8 @@ class CycleTimingModel(CompiledModel):
         reason = Refusal(reasons[0].code, "; ".join(reasons)) if reasons else "accepted"
         evidence = Evidence(MaskCounts(timing.used, bad=bad), noise=timing.noise)
         values = _values(timing, options)
+        if options.between_ends:
+            values += _strokes(cycle, options)
         return (conclude(self.name, ESTIMATOR, cycle, values, (status, reason), evidence),)
 
     def coefficients(
@@ -101,6 +105,16 @@ class CycleTimingModel(CompiledModel):
             ]
         )
 
+    def also_followed(self, options: CycleTimingOptions) -> tuple[str, ...]:
+        """Return dead time and stroke times between limit switches.
+
+        Parameters
+        ----------
+        options : CycleTimingOptions
+            The model's options.
+        """
+        return ("rise_instant", "decay", "close_time") if options.between_ends else ()
+
     def options_for(self, cycle: FloatArray, period_s: float) -> Mapping[str, object]:
         """Return where the mean cycle has its spike and steady part."""
         return windows_of(cycle, period_s)
@@ -123,6 +137,18 @@ def _values(timing: Timing, options: CycleTimingOptions) -> tuple[ParameterValue
         if reason
         else ParameterValue(p.name, value)
         for p, (value, reason) in zip(PARAMETERS, shown, strict=True)
+    )
+
+
+def _strokes(cycle: Cycle, options: CycleTimingOptions) -> tuple[ParameterValue, ...]:
+    """Return the values in the order of `STROKES`."""
+    found = find_strokes(cycle, options)
+    reason = "the cycle does not show this"
+    return tuple(
+        ParameterValue(p.name, value)
+        if np.isfinite(value)
+        else ParameterValue(p.name, np.nan, ParameterStatus.REFUSED, reason)
+        for p, value in zip(STROKES, (found.close_time, found.opened, found.closed), strict=True)
     )
 
 

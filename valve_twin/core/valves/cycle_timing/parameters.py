@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from valve_twin.core.diagnosis.direct.unreached import CLOSED, OPENED
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
@@ -42,6 +43,13 @@ PARAMETERS = (
     Parameter("decay", "s", "time in which the spike falls towards the steady flow, assumed", 0.0),
 )
 
+STROKES = (
+    Parameter("close_time", "s", "between_ends: from leaving the open end to the closed one", 0.0),
+    Parameter(OPENED, "1", "between_ends: 1 = the open end was reached, 0 = not", 0.0, 1.0),
+    Parameter(CLOSED, "1", "between_ends: 1 = the closed end was reached, 0 = not", 0.0, 1.0),
+)
+"""What two limit switches tell beside."""
+
 
 @dataclass(frozen=True, slots=True)
 class CycleTimingOptions(ModelOptions):
@@ -61,6 +69,11 @@ class CycleTimingOptions(ModelOptions):
         0.0, "s", "switching_instant of the healthy valve", 0.0, 1e5
     )
     healthy_flow: float = quantity(0.0, "m^3/s", "steady_flow of the healthy pump", 0.0, 1e3)
+    between_ends: bool = setting(
+        False,
+        "the flow is 1 between two limit switches and 0 at each, a command opens the valve at the "
+        "first sample of a cycle: whether both ends are reached is told, too",
+    )
     estimators: tuple[str, ...] = setting(
         (ESTIMATOR,), "estimators to run", choices=(ESTIMATOR, FEATURES)
     )
