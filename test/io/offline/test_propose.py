@@ -194,6 +194,37 @@ def test_the_position_may_be_named_and_must_be_there(tmp_path):
         propose_yaml(bag, position="/joints:position[0]")
 
 
+def overshooting(n=3000):
+    """Return a command that comes back to rest and a valve that rings behind it."""
+    command, _ = answer(n)
+    position, speed = np.zeros(n), 0.0
+    for k in range(5, n):
+        speed += 0.02 * (64.0 * (command[k - 5] - position[k - 1]) - 5.0 * speed)
+        position[k] = position[k - 1] + 0.02 * speed
+    return command, position + np.random.default_rng(9).normal(0.0, 5e-4, n)
+
+
+@pytest.mark.no_cover
+def test_models_are_compared_for_one_command_of_a_bag_as_for_a_table(tmp_path, capsys):
+    """A bag got the bare positioner, whatever drove it, and no word of how well it follows."""
+    bag = joint_bag(tmp_path / "bag", *overshooting())
+    file, table = tmp_path / "bag.yaml", tmp_path / "table.csv"
+    assert main(["configure", str(bag), "--out", str(file)]) == 0
+    text = file.read_text()
+    fits = re.search(r"# free run of the half that was not fitted: positioner ([\d.]+) %, ", text)
+    assert fits is not None
+    assert float(fits[1]) > 80.0
+    assert "ARX" in text
+    assert "follows no better than its baselines" in capsys.readouterr().err  # it is linear
+    told = ["convert", str(bag), "--config", str(file), "--out", str(table)]
+    assert main(told) == 0
+    other = tmp_path / "table.yaml"
+    assert main(["configure", str(table), "--yes", "--out", str(other)]) == 0
+    one, two = load_config(file)[0], load_config(other)[0]
+    assert (one.model, one.options.second_order) == (two.model, two.options.second_order)
+    assert one.options.second_order
+
+
 @pytest.mark.no_cover
 @pytest.mark.usefixtures("no_black_box")
 def test_two_commands_of_a_bag_are_held_against_what_else_follows(tmp_path, capsys):

@@ -19,6 +19,7 @@ from valve_twin.io.offline.propose import (
     estimator_lines,
     in_short,
     number_text,
+    option_lines,
 )
 
 if TYPE_CHECKING:
@@ -256,12 +257,8 @@ def _options(choice: Choice) -> list[str]:
         given = dict(choice.repeat.options)
     elif choice.trials:
         given = choice.trials[0].options
-    texts = {
-        k: str(v).lower() if isinstance(v, bool) else number_text(float(str(v)))
-        for k, v in given.items()
-    }
     lines = [] if choice.repeat is not None else estimator_lines(_model(choice)[0])
-    lines += [f"      {k}: {v}" for k, v in texts.items()]
+    lines += option_lines(given)
     return ["    options:", *lines] if lines else []
 
 

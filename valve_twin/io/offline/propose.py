@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import copysign, nan
 from textwrap import shorten
 from typing import TYPE_CHECKING
 
@@ -12,10 +13,11 @@ import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import describe, listed, suggest
+from valve_twin.core.survey.choose import Pair, halve, with_baselines
 from valve_twin.core.survey.pairs import Signal
 from valve_twin.core.survey.record import Proposal, Role, propose
 from valve_twin.core.survey.sides import compare_sides, difference_of
-from valve_twin.core.survey.trial import Mapping01
+from valve_twin.core.survey.trial import Mapping01, try_baseline, try_models
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.interface import estimator_choices
 from valve_twin.core.valves.registry import get_model
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from valve_twin.core.survey.trial import Trial
     from valve_twin.core.types import FloatArray, IntArray
     from valve_twin.io.bags.read import TopicInfo
     from valve_twin.io.cdr.message_types import TypeSystem
@@ -99,19 +102,22 @@ def propose_yaml(
     proposal = propose(signals, position=position)
     if proposal is None:
         raise BagError(_nothing(bag, sources, position, _still(signals)))
-    told, doubts = _compared(bag, signals, proposal)
+    options: Mapping[str, object] = {}
+    if get_model(proposal.model).proposed_for == "driven":
+        told, doubts = _compared(bag, signals, proposal)
+    else:
+        proposal, options, told, doubts = _followed(signals, proposal)
     doubts = [f"doubt: {line}" for line in doubts]
     for line in doubts:
         on_doubt(line)
-    return _text(bag, proposal, sources, received, _still(signals), [*told, *doubts])
+    told = [*told, *doubts]
+    return _text(bag, proposal, sources, received, _still(signals), told, options)
 
 
 def _compared(
     bag: str | Path, signals: Mapping[str, Signal], proposal: Proposal
 ) -> tuple[list[str], list[str]]:
     """Say how well models follow later cycles where two commands drive a position; and doubts."""
-    if get_model(proposal.model).proposed_for != "driven":
-        return [], []
     whole = difference_of(signals, proposal, mapped=False)
     columns = {**signals, "difference": replace(whole, name="difference")}
     found = compare_sides(
@@ -124,15 +130,7 @@ def _compared(
     )
     if found is None:
         return [], ["too few cycles to hold any model against; give a longer bag"]
-    tried: dict[str, str] = {}
-    for t in found.trials:
-        fit = f"{t.fit:.1f} %" if np.isfinite(t.fit) else f"none ({in_short(t.reason)})"
-        tried.setdefault(t.model, f"{t.model} {fit}")
-    beside = {"ARX": found.pair.arx, "a line through the command": found.pair.line}
-    if found.baseline is not None:
-        beside[f"a black box ({found.baseline.model})"] = found.baseline.fit
-    others = (f"{name} {fit:.1f} %" for name, fit in beside.items() if np.isfinite(fit))
-    told = f"free run of each later cycle: {', '.join((*tried.values(), *others))}"
+    told = f"free run of each later cycle: {_fits(found.trials, found.pair, found.baseline)}"
     doubts = [found.halves.doubt] if found.halves.doubt else []
     if not found.two:
         doubts.append(
@@ -141,6 +139,51 @@ def _compared(
             "FILE --out X.csv, then valve-twin configure X.csv"
         )
     return [told], doubts
+
+
+def _followed(
+    signals: Mapping[str, Signal], proposal: Proposal
+) -> tuple[Proposal, Mapping[str, object], list[str], list[str]]:
+    """Return a proposal with the model and the options that follow one command best.
+
+    Each is fitted to the first half and runs freely over the second. With them how well they do,
+    and doubts.
+    """
+    model = get_model(proposal.model)
+    output, given = model.output, model.inputs[0]
+    roles = {r.signal: r for r in proposal.roles}
+    answer, command = roles[output], roles[given]
+    halves = halve(signals, command.source, answer.source)
+    maps = Mapping01(command.scale, command.offset), Mapping01(answer.scale, answer.offset)
+    alike = copysign(proposal.correlation, answer.scale)
+    pair = Pair(command.source, answer.source, proposal.lag, alike, nan, nan, named=False)
+    pair, period_s = with_baselines(halves, pair), proposal.period_s
+    falls = alike < 0.0
+    trials = try_models(halves, period_s, pair.lag, falls=falls, kind="position", maps=maps)
+    baseline = try_baseline(halves, period_s, pair.lag, maps=maps)
+    told = [f"free run of the half that was not fitted: {_fits(trials, pair, baseline)}"]
+    own = [t for t in trials if get_model(t.model).normalised and t.fit > 0.0]
+    if not own:
+        return proposal, {}, told, [f"no model follows '{answer.source}' better than its mean"]
+    best, chosen = own[0], get_model(own[0].model)
+    names = {output: chosen.output, given: chosen.inputs[0]}
+    now = tuple(replace(r, signal=names.get(r.signal, r.signal)) for r in proposal.roles)
+    peer = max((f for f in (pair.arx, pair.line) if np.isfinite(f)), default=0.0)
+    doubts = [] if best.fit > peer else [f"{best.model} follows no better than its baselines"]
+    return replace(proposal, model=best.model, roles=now), best.options, told, doubts
+
+
+def _fits(trials: Sequence[Trial], pair: Pair, baseline: Trial | None) -> str:
+    """Return how well each model ran freely, in one line with ARX, a line and a black box."""
+    tried: dict[str, str] = {}
+    for t in trials:
+        fit = f"{t.fit:.1f} %" if np.isfinite(t.fit) else f"none ({in_short(t.reason)})"
+        tried.setdefault(t.model, f"{t.model} {fit}")
+    beside = {"ARX": pair.arx, "a line through the command": pair.line}
+    if baseline is not None:
+        beside[f"a black box ({baseline.model})"] = baseline.fit
+    others = (f"{name} {fit:.1f} %" for name, fit in beside.items() if np.isfinite(fit))
+    return ", ".join((*tried.values(), *others))
 
 
 def _range01(signal: Signal) -> Mapping01:
@@ -237,6 +280,7 @@ def _text(
     received: set[str],
     still: Mapping[str, float],
     told: Sequence[str],
+    options: Mapping[str, object],
 ) -> str:
     lines = [
         f"# Proposed from {bag}: every value is a guess with its reason; check each before use.",
@@ -259,7 +303,7 @@ def _text(
     for key, value in proposal.cycles.values.items():
         text = value if isinstance(value, str) else number_text(value)
         lines.append(f"      {key}: {text}   # {EXPLAINED[key]}")
-    lines += _option_lines(proposal)
+    lines += _option_lines(proposal, options)
     if proposal.left_out:
         lines += ["    # left out, because nothing shows what they are:"]
         lines += [
@@ -290,7 +334,7 @@ def _signal_lines(role: Role, source: SignalSource, received: bool) -> list[str]
     ]
 
 
-def _option_lines(proposal: Proposal) -> list[str]:
+def _option_lines(proposal: Proposal, given: Mapping[str, object]) -> list[str]:
     """Have faults told, and let the delay scan reach well beyond the lag that was found."""
     lines = estimator_lines(proposal.model)
     options = get_model(proposal.model).options
@@ -301,7 +345,17 @@ def _option_lines(proposal: Proposal) -> list[str]:
     elif "max_lag" in upper and proposal.lag >= options.max_lag:  # the end of the default scan
         most = min(proposal.lag + 2, upper["max_lag"])
         lines.append(f"      max_lag: {most:.0f}   # longest lag tried [samples]")
+    lines += option_lines({k: v for k, v in given.items() if k not in ("max_delay_s", "max_lag")})
     return ["    options:", *lines] if lines else []
+
+
+def option_lines(given: Mapping[str, object]) -> list[str]:
+    """Return the lines of options by name: switches, and numbers as floats."""
+    texts = {
+        k: str(v).lower() if isinstance(v, bool) else number_text(float(str(v)))
+        for k, v in given.items()
+    }
+    return [f"      {k}: {v}" for k, v in texts.items()]
 
 
 def estimator_lines(name: str) -> list[str]:
