@@ -4,6 +4,7 @@
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,6 +46,7 @@ def test_what_repeats_beyond_chance_is_frozen_where_noise_is_seen():
 def test_the_noise_of_the_sensor_is_that_of_its_motion_over_its_step():
     assert noise_of(features(2e-3, 1e-3)) == pytest.approx(2.0)
     assert noise_of(features(2e-3, 0.0)) == math.inf
-    assert math.isnan(noise_of(SimpleNamespace(key=np.arange(3), motions={})))
+    without: Any = SimpleNamespace(key=np.arange(3), motions={})
+    assert math.isnan(noise_of(without))
     assert is_hidden(features(0.289e-3, 1e-3))
     assert not is_hidden(features(2e-3, 1e-3))

@@ -160,12 +160,13 @@ def by_repeats(
         if len(before) < _LEAST_BEFORE or not len(with_it):
             named.append(f)
             continue
+        rivals: tuple[str, ...] = ()
         now = float(with_it.mean())
         share = frozen_share(noise, float(before.max()), now)
         if f.fault == _FREEZE and noise <= HIDDEN and now > _ALL:
             name, rivals, size = "no_motion", (_FREEZE,), float("nan")
         elif share > 0.0:
-            name, rivals, size = _FREEZE, (), share
+            name, size = _FREEZE, share
         else:
             named.append(f)
             continue
