@@ -8,6 +8,7 @@ import hashlib
 import os
 import pickle
 from collections.abc import Callable, Generator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -187,7 +188,8 @@ def transients_once(shared_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     from valve_twin.design.dynamics import eddies
     from valve_twin.design.field import run_transient
 
-    for module in (chain, eddies):
+    replay = import_module("valve_twin.design.dynamics.replay")  # its function has the same name
+    for module in (chain, eddies, replay):
         monkeypatch.setattr(module, "run_transient", once(run_transient, shared_folder))
 
 

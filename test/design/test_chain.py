@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 
 import pytest
 
@@ -55,6 +56,26 @@ def test_half_the_power_slows_the_largest_step_and_changes_no_field():
     slow = model.loop(found, 1.0, {})
     assert slow.rise_s > model.loop(usual, 1.0, {}).rise_s
     assert max(slow.rows[2][1]["A"]) < 1.2 * (2.0 / design.winding().resistance) ** 0.5
+
+
+def test_branches_that_grow_are_fitted_to_steps_on_the_mesh_of_their_field(monkeypatch):
+    monkeypatch.setattr(import_module("valve_twin.design.dynamics.replay"), "FOLLOWED_S", 0.012)
+    grids: list[MapGrid] = []
+
+    def noted(section, grid, advance):
+        grids.append(grid)
+        return compute_map(section, grid, advance)
+
+    monkeypatch.setattr(chain, "compute_map", noted)
+    design, own = DoubleStroke(), replace(QUICK, grid=replace(GRID, skin=QUICK.skin))
+    once, _ = chain.compute_design(design, fidelity=own, form="growing")
+    again, _ = chain.compute_design(design, fidelity=QUICK, form="growing")
+    assert [(of.fine, of.skin) for of in grids] == [(0.3, 1e-3), (0.3, 1.0), (0.3, 1e-3)]
+    for of in (once, again):
+        gain_1, time_1, gain_2, time_2, growth = of.eddies
+        assert min(gain_1, gain_2, growth) > 0.0
+        assert time_1 < time_2
+    assert find_designable().of_design(once).shared["eddies.growth"] == once.eddies[4]
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,11 @@ def test_the_dynamics_of_a_coarse_field_are_those_that_the_paper_describes(monke
     assert [c.verdict for c in found.checks[:8]] == [Verdict.PASS] * 8, found.checks
     late, *followed = found.checks[8:]
     assert late.quantity == "fit of the force on a step of 50 %, second_order [%]"
-    assert [c.quantity.split(",")[1] for c in followed] == [" eddies [%]"] * 2
+    forms = [" eddies [%]"] * 2 + [" growing [%]"] * 5
+    assert [c.quantity.split(",")[1] for c in followed] == forms
     assert followed[0].obtained > late.obtained + 10.0
+    assert [c.note.endswith("fitted to this step") for c in followed[2:]] == [False] * 4 + [True]
+    assert "on a step from 100 to 0 %, growing" in followed[5].quantity
     (rows,) = found.tables.values()
     assert [row["dynamics"] for row in rows] == ["G_A", "G_F"]
     by = {c.quantity: c for c in found.checks}

@@ -12,8 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.quantity import assumed, check_quantities
-from valve_twin.core.valves.designed import SCALED, Designed
-from valve_twin.design.dynamics import branch_records, fit_branches, identify
+from valve_twin.core.valves.designed import SCALED, Designed, find_designable
+from valve_twin.design.dynamics import (
+    branch_records,
+    fit_branches,
+    fit_growing,
+    identify,
+    step_record,
+)
+from valve_twin.design.dynamics.growing import FITTED
 from valve_twin.design.field import Trapezoid, make_model, run_transient
 from valve_twin.design.map import MapGrid, compute_map, unlike
 
@@ -23,7 +30,7 @@ if TYPE_CHECKING:
     from valve_twin.core.physics.coenergy import CoenergyMap
     from valve_twin.core.valves.designed import Designable, Loop, Numbers
     from valve_twin.design.dynamics import Dynamics
-    from valve_twin.design.geometry import DoubleStroke
+    from valve_twin.design.geometry import DoubleStroke, Section
 
 STEPS = (0.1, 0.25, 0.5, 1.0)
 """Steps from the middle over the way to an open port [1]."""
@@ -63,11 +70,12 @@ FIDELITIES = {
 """For many designs; of an evaluation; to check it, twice its elements along a line; of a file; map
 and eddy currents on one mesh, to look at dynamics alone."""
 
-FORMS = ("second_order", "eddies")
-"""What stands beside static curves: G_A and G_F of paper 000, or two branches of eddy currents."""
+FORMS = ("second_order", "eddies", "growing")
+"""What stands beside static curves: G_A and G_F of paper 000, two branches of eddy currents fitted
+to trapezoids, or such whose gains grow with the current, fitted to steps."""
 
 USUAL_FORM = "eddies"
-"""Where nothing else is said: on steps it comes nearer to the moving field."""
+"""Where nothing else is said: on steps it comes nearer to the moving field than G_A and G_F."""
 
 
 def find_fidelity(name: str) -> Fidelity:
@@ -161,6 +169,7 @@ def compute_design(
     fidelity: Fidelity | None = None,
     advance: Callable[[], None] = lambda: None,
     form: str = USUAL_FORM,
+    valve: Designable | None = None,
 ) -> tuple[Designed, tuple[Dynamics, Dynamics]]:
     """Compute what a valve needs of a double-stroke solenoid.
 
@@ -175,8 +184,10 @@ def compute_design(
     advance : callable
         Called once a field of the map.
     form : str
-        One of `FORMS`; with eddies two more transient fields are computed, G_A and G_F are found
-        as well.
+        One of `FORMS`; with eddies two more transient fields are computed, with growing three
+        moving ones, G_A and G_F are found as well.
+    valve : Designable, optional
+        Whose steps growing is fitted to, default the only one.
 
     Raises
     ------
@@ -196,9 +207,6 @@ def compute_design(
     time_s, currents = Trapezoid(step=of.step).record(len(section.coils))
     found = run_transient(model, time_s, currents, np.zeros(len(time_s)), "euler")
     of_current, of_force = identify(found, curves)
-    eddies: tuple[float, ...] = ()
-    if form == "eddies":
-        eddies = fit_branches(branch_records(model, of.step), curves).numbers()
     designed = Designed(
         curves=curves,
         resistance=design.winding().resistance,
@@ -207,8 +215,17 @@ def compute_design(
         current_dynamics=_numbers(of_current),
         force_dynamics=_numbers(of_force),
         around=design.valve,
-        eddies=eddies,
     )
+    if form == "eddies":
+        constant = fit_branches(branch_records(model, of.step), curves)
+        designed = replace(designed, eddies=constant.numbers())
+    elif form == "growing":  # the steps of G_A and G_F excite as those of any form do
+        moved = valve or find_designable()
+        numbers = moved.of_design(designed)
+        loops = [moved.loop(numbers, end, {}, start) for start, end in FITTED]
+        records = [step_record(section, curves, loop, of.fine, of.skin) for loop in loops]
+        grown = fit_growing(records, _matched(section, curves, of, advance))
+        designed = replace(designed, eddies=grown.numbers())
     return designed, (of_current, of_force)
 
 
@@ -249,7 +266,7 @@ def evaluate(
     """
     of = fidelity or FIDELITIES["usual"]
     designed, dynamics = computed or compute_design(
-        design, fidelity=of, advance=advance, form=form
+        design, fidelity=of, advance=advance, form=form, valve=valve
     )
     numbers = valve.of_design(designed)
     cases: list[dict[str, float]] = [{}]
@@ -259,6 +276,17 @@ def evaluate(
     runs = [{share: valve.loop(numbers, share, case) for share in STEPS} for case in cases]
     margin = valve.force_margin(numbers)
     return Evaluation(numbers, designed, dynamics, runs[0], tuple(runs[1:]), margin)
+
+
+def _matched(
+    section: Section, curves: CoenergyMap, of: Fidelity, advance: Callable[[], None]
+) -> CoenergyMap:
+    """Return a map on the mesh of the transient field: two meshes differ by no dynamics."""
+    if of.grid.fine == of.fine and of.grid.skin == of.skin:
+        return curves
+    end = float(curves.currents[-1])
+    grid = replace(COARSE, fine=of.fine, skin=of.skin, largest_current=end)
+    return compute_map(section, grid, advance)
 
 
 def _numbers(found: Dynamics) -> tuple[float, float, float, float]:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+from importlib import import_module
 
 import pytest
 
@@ -45,25 +46,39 @@ def test_a_power_that_no_step_gets_is_told(capsys, monkeypatch):
     ("form", "said"),
     [
         ("second_order", "the next order is --dynamics eddies"),
-        ("eddies", "the next order, gains that grow with the current"),
+        ("eddies", "the next order is --dynamics growing"),
     ],
 )
 def test_a_force_that_fits_poorly_says_what_the_form_lacks(form, said, capsys, monkeypatch):
-    fits = {0.1: 74.9, 0.5: 75.0}
+    fits = {(0.0, 0.1): 74.9, (1.0, 0.0): 75.0}
     shown = {"without": 10.0, "refitted": 92.0, "error": 0.5}
-    monkeypatch.setattr(
-        evaluate, "_replayed", lambda design, found, of, share: {"fit": fits[share], **shown}
-    )
+    monkeypatch.setattr(evaluate, "_replayed", lambda *given: {"fit": fits[given[-1]], **shown})
     monkeypatch.setattr(chain, "STEPS", (0.1, 0.5))
-    words = ["design", "evaluate", "--fidelity", "search", "--replay", "--shares", "0.1", "0.5"]
+    words = ["design", "evaluate", "--fidelity", "search", "--replay", "--shares", "0.1", "1:0"]
     assert main([*words, "--dynamics", form]) == 0
     said_now = capsys.readouterr().err.splitlines()
+    assert any(line.startswith("step from 100 to 0 % in the moving") for line in said_now)
     (lacks,) = [line for line in said_now if "below 75 %" in line]
     assert lacks.startswith("step of 10 %: below 75 %: ")
     assert said in lacks
     assert main([*words, "--dynamics", form, "--json"]) == 0
-    small, half = json.loads(capsys.readouterr().out)["replay"]
-    assert (said in small["lacks"], half["lacks"]) == (True, "")
+    small, back = json.loads(capsys.readouterr().out)["replay"]
+    assert (said in small["lacks"], back["lacks"]) == (True, "")
+    assert (back["from"], back["step"], back["fitted_to"]) == (1.0, 0.0, False)
+
+
+def test_a_step_that_was_fitted_to_is_told():
+    assert evaluate._fitted_to((0.0, 1.0), "growing")
+    assert not evaluate._fitted_to((0.0, 0.5), "growing")
+    assert not evaluate._fitted_to((0.0, 1.0), "eddies")
+
+
+def test_any_step_is_replayed_in_the_moving_field(capsys, monkeypatch):
+    monkeypatch.setattr(import_module("valve_twin.design.dynamics.replay"), "FOLLOWED_S", 0.012)
+    words = ["design", "evaluate", "--fidelity", "search", "--replay", "--shares", "0.4:-0.3"]
+    assert main([*words, "--json"]) == 0
+    (of,) = json.loads(capsys.readouterr().out)["replay"]
+    assert of["fit"] > 60.0 > of["without"]
 
 
 @pytest.mark.parametrize(
@@ -71,8 +86,14 @@ def test_a_force_that_fits_poorly_says_what_the_form_lacks(form, said, capsys, m
     [
         (["--set", "turns=500"], "winding height = 0.0118516: must be 0 to 0.0095"),
         (["--fidelity", "fine"], "fidelity 'fine': must be one of search, usual, twice"),
-        (["--dynamics", "third"], "dynamics 'third': must be one of second_order, eddies"),
-        (["--shares", "0.3"], "--shares 0.3: must be one of 0.1, 0.25, 0.5, 1"),
+        (
+            ["--dynamics", "third"],
+            "dynamics 'third': must be one of second_order, eddies, growing",
+        ),
+        (["--shares", "1.3"], "--shares 1.3: write a step as 0.5 or FROM:TO, two numbers from"),
+        (["--shares", "0.5:half"], "--shares 0.5:half: write a step as 0.5 or FROM:TO"),
+        (["--shares", "0.5:0.5"], "--shares 0.5:0.5: write a step as 0.5 or FROM:TO"),
+        (["--shares", "nan"], "--shares nan: write a step as 0.5 or FROM:TO"),
         (["--shares", "0.1"], "--shares: says which steps --replay follows"),
         (["--set", "valve.change=2"], "valve.change: value 2.0 is outside its limits"),
     ],

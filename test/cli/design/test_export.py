@@ -56,7 +56,8 @@ def test_valve_and_twin_run_on_the_map(coarse, tmp_path, capsys, monkeypatch):
     options = load_config(path)[0].options
     assert found["map"] in options.map_source
     assert options.resistance_a == pytest.approx(found["resistance"])
-    branches = [getattr(options.eddies, n) for n in ("gain_1", "time_1", "gain_2", "time_2")]
+    names = ("gain_1", "time_1", "gain_2", "time_2", "growth")
+    branches = [getattr(options.eddies, n) for n in names]
     assert branches == found["eddies"]
     assert min(branches) > 0.0
     bag = str(tmp_path / "bag")
@@ -79,6 +80,19 @@ def test_second_order_leaves_the_eddy_currents_out(coarse, tmp_path, capsys, mon
     assert main(["design", "export", *words]) == 0
     assert json.loads(capsys.readouterr().out)["eddies"] == []
     assert "eddies" not in path.read_text(encoding="utf-8")
+
+
+def test_branches_of_one_gain_are_written_without_a_growth(coarse, tmp_path, capsys, monkeypatch):
+    quick = chain.Fidelity(MapGrid(currents=4, positions=4, fine=0.3), fine=0.3, step=4e-4)
+    monkeypatch.setitem(chain.FIDELITIES, "export", quick)
+    path = tmp_path / "designed.yaml"
+    assert (
+        main(["design", "export", "--map", coarse, "--dynamics", "eddies", "--out", str(path)])
+        == 0
+    )
+    assert len(json.loads(capsys.readouterr().out)["eddies"]) == 4
+    assert "growth" not in path.read_text(encoding="utf-8")
+    assert load_config(path)[0].options.eddies.growth == 0.0
 
 
 def test_a_map_that_ends_too_early_for_the_power_is_told(coarse, tmp_path, capsys, monkeypatch):

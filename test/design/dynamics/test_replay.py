@@ -9,7 +9,7 @@ import pytest
 
 from valve_twin.core.physics.coenergy import linear_map
 from valve_twin.core.valves.designed import Loop
-from valve_twin.design.dynamics import replay
+from valve_twin.design.dynamics import replay, step_record
 from valve_twin.design.dynamics.replay import evened
 from valve_twin.design.field import make_model, static_force
 from valve_twin.design.geometry import DoubleStroke
@@ -57,6 +57,18 @@ def test_eddy_currents_delay_the_force():
     found = replay(section, curves, loop(np.zeros(len(TIME_S))), FINE)
     assert np.argmax(found.field) > np.argmax(found.static)
     assert found.refitted > found.without
+
+
+def test_a_start_beyond_the_map_begins_with_the_measured_current():
+    section = DoubleStroke(steel=Steel(conductivity=1.0)).section()
+    curves = compute_map(section, MapGrid(currents=4, positions=4, fine=FINE))
+    within, beyond = (
+        step_record(section, curves, loop(PART, (0.04, b)), FINE).currents for b in (0.02, -0.05)
+    )
+    means = evened(np.column_stack([1.0 + PART, 1.0 - 0.5 * PART]))
+    assert beyond[0] == pytest.approx(means[1])
+    assert within[1:] == pytest.approx(beyond[1:])
+    assert abs(within[0, 1] - beyond[0, 1]) > 0.1
 
 
 def test_missing_signals_are_named():

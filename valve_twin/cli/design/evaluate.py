@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say, write_file
-from valve_twin.cli.design.given import add_design, add_form, form_of, read_double_stroke, refusals
+from valve_twin.cli.design.given import add_design, add_form, read_double_stroke, refusals
 from valve_twin.cli.output import console, number, print_json, table
 from valve_twin.io.errors import ConfigError
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from valve_twin.cli.common import Verbs
-    from valve_twin.core.valves.designed import Loop
+    from valve_twin.core.valves.designed import Designable, Loop
     from valve_twin.design.chain import Evaluation, Fidelity
     from valve_twin.design.geometry import DoubleStroke
 
@@ -30,7 +30,7 @@ _FIGURES = (
     ("loss", "loss, W", 1.0, ".3f"),
 )
 
-_REPLAYED = 0.5  # which step, where none is named
+_REPLAYED = "0.5"  # which step, where none is named
 
 
 def add(steps: Verbs) -> None:
@@ -52,8 +52,9 @@ def add(steps: Verbs) -> None:
         help="also the step of 50 %% once more in the moving field with eddy currents",
     )  # fmt: skip
     parser.add_argument(
-        "--shares", type=float, nargs="+", metavar="SHARE",
-        help="steps that --replay follows: 0.1, 0.25, 0.5 (default), 1",
+        "--shares", nargs="+", metavar="STEP",
+        help="steps that --replay follows, over the way to an open port: 0.5 (default) is from "
+        "the middle, 1:0 from an open port back to the middle, 0.5:-1 across it",
     )  # fmt: skip
     add_form(parser)
     parser.add_argument("--svg", metavar="FILE", help="picture to write")
@@ -64,19 +65,15 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     design = read_double_stroke(arguments)
     check_writable(arguments.svg)
     from valve_twin.core.valves.designed import find_designable
-    from valve_twin.design.chain import STEPS, evaluate, find_fidelity, short_of_current
+    from valve_twin.design.chain import evaluate, find_fidelity, short_of_current
 
-    missing = [share for share in arguments.shares or () if share not in STEPS]
-    if missing:
-        known = ", ".join(f"{share:g}" for share in STEPS)
-        msg = f"--shares {missing[0]:g}: must be one of {known}"
-        raise ConfigError(msg)
+    steps = [_ends_of(text) for text in arguments.shares or [_REPLAYED]]
     if arguments.shares and not arguments.replay:
         msg = "--shares: says which steps --replay follows; add --replay"
         raise ConfigError(msg)
     with refusals():
         valve = find_designable(arguments.valve)
-        of, form = find_fidelity(arguments.fidelity), form_of(arguments)
+        of, form = find_fidelity(arguments.fidelity), arguments.dynamics
         with progress_of("computing fields", None) as advance:
             found = evaluate(
                 design,
@@ -86,8 +83,8 @@ def _evaluate(arguments: argparse.Namespace) -> int:
                 advance=advance,
                 form=form,
             )
-        shares = (arguments.shares or [_REPLAYED]) if arguments.replay else []
-        again = {share: _replayed(design, found, of, share) for share in shares}
+        again = [(ends, _replayed(design, valve, found, of, ends))
+                 for ends in (steps if arguments.replay else ())]  # fmt: skip
     if arguments.svg:
         from valve_twin.report.loop import draw_loops
 
@@ -97,8 +94,9 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         say(short)
     worst = {share: _worst(found, share) for share in found.loops} if arguments.robust else {}
     if arguments.json:
-        replayed = [{"step": share, **figures, "lacks": _lacks(figures["fit"], form)}
-                    for share, figures in again.items()]  # fmt: skip
+        replayed = [{"from": ends[0], "step": ends[1], "fitted_to": _fitted_to(ends, form),
+                     **figures, "lacks": _lacks(figures["fit"], form)}
+                    for ends, figures in again]  # fmt: skip
         print_json(_as_json(found, worst) | {"replay": replayed})
         return OK
     _show({share: _figures(of) for share, of in found.loops.items()}, "Steps from the middle")
@@ -109,24 +107,54 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         f"force margin {found.margin:.3g} N; G_A fits {of_current.fit:.1f} %, G_F "
         f"{of_force.fit:.1f} %"
     )
-    for share, figures in again.items():
+    for ends, figures in again:
+        told = f" ({form} was fitted to it)" if _fitted_to(ends, form) else ""
         say(
-            f"step of {100 * share:g} % in the moving field: the model's force fits "
+            f"{_named(ends)} in the moving field{told}: the model's force fits "
             f"{figures['fit']:.1f} %, off by {figures['error']:.2g} N rms; static curves alone "
             f"{figures['without']:.1f} %; G_F fitted to this step {figures['refitted']:.1f} %"
         )
         lacks = _lacks(figures["fit"], form)
         if lacks:
-            say(f"step of {100 * share:g} %: {lacks}")
+            say(f"{_named(ends)}: {lacks}")
     return OK
 
 
+def _ends_of(text: str) -> tuple[float, float]:
+    """Return start and end of a step that is written STEP or FROM:TO [1]."""
+    first, colon, second = text.partition(":")
+    try:
+        start, end = (float(first), float(second)) if colon else (0.0, float(first))
+    except ValueError:
+        start = end = math.nan
+    if not (abs(start) <= 1.0 and abs(end) <= 1.0 and start != end):
+        msg = f"--shares {text}: write a step as 0.5 or FROM:TO, two numbers from -1 to 1"
+        raise ConfigError(msg)
+    return start, end
+
+
+def _named(ends: tuple[float, float]) -> str:
+    start, end = (100 * of for of in ends)
+    return f"step from {start:g} to {end:g} %" if start else f"step of {end:g} %"
+
+
+def _fitted_to(ends: tuple[float, float], form: str) -> bool:
+    from valve_twin.design.dynamics.growing import FITTED
+
+    return form == "growing" and ends in FITTED
+
+
 def _replayed(
-    design: DoubleStroke, found: Evaluation, of: Fidelity, share: float
+    design: DoubleStroke,
+    valve: Designable,
+    found: Evaluation,
+    of: Fidelity,
+    ends: tuple[float, float],
 ) -> dict[str, float]:
     from valve_twin.design.dynamics import replay
 
-    curves, loop = found.designed.curves, found.loops[share]
+    curves = found.designed.curves
+    loop = valve.loop(found.numbers, ends[1], {}, ends[0])
     again = replay(design.section(), curves, loop, of.fine, of.skin)
     return {n: float(getattr(again, n)) for n in ("fit", "without", "refitted", "error")}
 

@@ -11,7 +11,6 @@ from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say
 from valve_twin.cli.design.given import (
     add_design,
     add_form,
-    form_of,
     read_double_stroke,
     read_map_of,
     refusals,
@@ -43,7 +42,7 @@ def add(steps: Verbs) -> None:
         "--like", metavar="FILE", help="parameter file whose other keys are kept, default that "
         "of the model in config/",
     )  # fmt: skip
-    add_form(parser)
+    add_form(parser, "growing")
     parser.add_argument(
         "--faults", action="store_true", help="also how worn dimensions change its curves: the "
         "twin then names the one that has drifted",
@@ -69,7 +68,7 @@ def _export(arguments: argparse.Namespace) -> int:
         curves = read_map_of(arguments.map, design) if arguments.map else None
         with progress_of("computing fields", None) as advance:
             designed, dynamics = compute_design(
-                design, curves, advance=advance, form=form_of(arguments)
+                design, curves, advance=advance, form=arguments.dynamics, valve=valve
             )
         numbers = valve.of_design(designed)
         twin, apart = _faults(design, valve, numbers) if arguments.faults else ({}, {})

@@ -33,20 +33,14 @@ def add_design(
     )
 
 
-def add_form(parser: argparse.ArgumentParser) -> None:
-    """Add what stands beside the static curves."""
+def add_form(parser: argparse.ArgumentParser, default: str = "eddies") -> None:
+    """Add what stands beside the static curves; `default` is one of `FORMS`."""
     parser.add_argument(
-        "--dynamics", metavar="FORM",
-        help="beside static curves: eddies (two branches of eddy currents a coil, default) or "
-        "second_order (G_A and G_F)",
+        "--dynamics", metavar="FORM", default=default,
+        help=f"beside static curves, default {default}: eddies (two branches of eddy currents a "
+        "coil), growing (such whose gains grow with the current, fitted to steps in the moving "
+        "field: nearer to it, 10 s more) or second_order (G_A and G_F)",
     )  # fmt: skip
-
-
-def form_of(arguments: argparse.Namespace) -> str:
-    """Return the form of `add_form`, one of `FORMS` or what was written."""
-    from valve_twin.design.chain import USUAL_FORM
-
-    return arguments.dynamics or USUAL_FORM
 
 
 def read_given(

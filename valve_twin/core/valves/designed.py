@@ -68,7 +68,8 @@ class Designed:
         What is not the solenoid's.
     eddies : tuple of float
         Gain and time of the faster and the slower branch of eddy currents, which simulated valve
-        and twin then have in place of G_A and G_F [A/V], [s]; empty = none.
+        and twin then have in place of G_A and G_F [A/V], [s], and where they grow with the
+        current by how much [1/A]; empty = none.
     """
 
     curves: CoenergyMap
@@ -179,17 +180,21 @@ class Designable(Protocol):
         """Return a designed solenoid's numbers by the names of the model's options."""
         ...
 
-    def loop(self, numbers: Numbers, share: float, changes: Mapping[str, float]) -> Loop:
-        """Follow a step of the setpoint from the middle.
+    def loop(
+        self, numbers: Numbers, share: float, changes: Mapping[str, float], start: float = 0.0
+    ) -> Loop:
+        """Follow a step of the setpoint, by default from the middle.
 
         Parameters
         ----------
         numbers : Numbers
             Of the valve.
         share : float
-            Step over the way to an open port, -1..1, not 0 [1].
+            End of the step over the way to an open port, -1..1, not the start [1].
         changes : mapping
             Factors of `SCALED` [1].
+        start : float
+            Where the valve rests before it, likewise [1].
         """
         ...
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from valve_twin.core.physics.coenergy import CoenergyMap
     from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.designed import Loop
+    from valve_twin.design.field import Transient
     from valve_twin.design.geometry.section import Section
 
 FOLLOWED_S = 0.03
@@ -38,10 +39,13 @@ LACKS = {
         "by the flux"
     ),
     "eddies": (
-        "its branches are fitted to trapezoids of 0.5 and 1 A, which excite otherwise than this "
-        "step; of the reference, the same branches fitted to steps of 50 and 100 % reach 86 and "
-        "83 %, the next order, gains that grow with the current, 91 and 90 %, which no plant has "
-        "(docs/design.md)"
+        "its branches have the same gains at any current, and are fitted to trapezoids, which "
+        "excite otherwise than this step; the next order is --dynamics growing: gains that grow "
+        "with the current, fitted to steps in the moving field"
+    ),
+    "growing": (
+        "what is left is not the flux that eddy currents make late but how it spreads in the "
+        "steel: the same flux linkages do not always mean the same force; no next order is offered"
     ),
 }
 """What each form of `FORMS` lacks where a step fits worse."""
@@ -99,22 +103,14 @@ def replay(
     ValueError
         If the loop has no such signals, or the armature leaves the meshed stroke.
     """
-    rows = dict(loop.rows)
     try:
-        current, force = rows["current [A]"], rows["force [N]"]["F"]
-        both, place = [current["A"], current["B"]], rows["position [mm]"]["x"]
-        linked = rows["flux linkage [mWb]"]
-        flux = 1e-3 * np.array([[linked["A"][0], linked["B"][0]]])
+        force = dict(loop.rows)["force [N]"]["F"]
     except KeyError as err:
-        message = f"the loop shows no {err}: a replay needs currents, force and position"
-        raise ValueError(message) from err
-    count = int(np.searchsorted(loop.time_s, FOLLOWED_S)) + 1
-    currents, x = evened(np.column_stack(both)[:count]), 1e-3 * place[:count]
-    currents[0] = magnetising(curves, flux, currents[:1], x[:1])[0]  # at rest
-    time_s, lumped = loop.time_s[:count], evened(force[:count])
-    model = make_model(section, fine, skin)
-    found = run_transient(model, time_s, currents, x, "euler").force
-    inside = np.clip(currents, curves.currents[0], curves.currents[-1])
+        raise ValueError(_missing(err)) from err
+    record = step_record(section, curves, loop, fine, skin)
+    time_s, found, x = record.time_s, record.force, record.position
+    lumped = evened(force[: len(time_s)])
+    inside = np.clip(record.currents, curves.currents[0], curves.currents[-1])
     static = curves.force(inside, np.clip(x, curves.positions[0], curves.positions[-1]))
     again = fit_dynamics(time_s, static, found)
     return Replay(
@@ -126,6 +122,50 @@ def replay(
         fit_percent(found, static),
         again.fit,
     )
+
+
+def step_record(
+    section: Section, curves: CoenergyMap, loop: Loop, fine: float = 0.5, skin: float = 1e-3
+) -> Transient:
+    """Return the moving field under currents and motion of the first 30 ms of a step.
+
+    Parameters
+    ----------
+    section : Section
+        Of the solenoid.
+    curves : CoenergyMap
+        Its static curves.
+    loop : Loop
+        The step, with its currents, flux linkages and position every 0.1 ms.
+    fine, skin : float
+        Of the field's mesh, as of `Fidelity` [1], [m].
+
+    Raises
+    ------
+    ValueError
+        If the loop has no such signals, or the armature leaves the meshed stroke.
+    """
+    rows = dict(loop.rows)
+    try:
+        current, place = rows["current [A]"], rows["position [mm]"]["x"]
+        both = [current["A"], current["B"]]
+        linked = rows["flux linkage [mWb]"]
+        flux = 1e-3 * np.array([[linked["A"][0], linked["B"][0]]])
+    except KeyError as err:
+        raise ValueError(_missing(err)) from err
+    count = int(np.searchsorted(loop.time_s, FOLLOWED_S)) + 1
+    currents, x = evened(np.column_stack(both)[:count]), 1e-3 * place[:count]
+    try:
+        currents[0] = magnetising(curves, flux, currents[:1], x[:1])[0]  # at rest
+    except ValueError:  # a coil that holds against the other's flux lies beyond its map
+        currents[0] = currents[1]
+    return run_transient(
+        make_model(section, fine, skin), loop.time_s[:count], currents, x, "euler"
+    )
+
+
+def _missing(err: KeyError) -> str:
+    return f"the loop shows no {err}: a replay needs currents, force and position"
 
 
 def evened(values: FloatArray) -> FloatArray:

@@ -48,6 +48,18 @@ def test_more_friction_or_copper_changes_the_step_as_it_should():
     assert stuck.error > MODEL.loop(NUMBERS, 0.1, {}).error
 
 
+def test_a_step_from_another_start_is_judged_over_its_own_way():
+    back, across = (
+        MODEL.loop(NUMBERS, end, {}, start) for start, end in ((1.0, 0.0), (0.5, -0.5))
+    )
+    for of, start, end in ((back, 1.0, 0.0), (across, 0.5, -0.5)):
+        x = dict(of.rows)["position [mm]"]["x"] / (0.8 / 0.9)
+        assert x[0] == pytest.approx(start, abs=0.02)
+        assert x[-1] == pytest.approx(end, abs=0.02)
+        assert of.error == pytest.approx(abs((x[-1] - start) / (end - start) - 1.0))
+        assert 0.0 < of.rise_s < of.settling_s < 0.02
+
+
 def test_stiffer_springs_leave_less_force():
     stiff = replace(FOUND, around=replace(FOUND.around, spring_rate=2e4))
     way = FOUND.around.opened * FOUND.stroke

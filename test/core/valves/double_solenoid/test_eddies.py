@@ -21,7 +21,12 @@ from valve_twin.core.valves.double_solenoid import MODEL
 from valve_twin.core.valves.double_solenoid import plant_kernel as at
 from valve_twin.core.valves.double_solenoid.control.kernel import drive_open_loop
 from valve_twin.core.valves.double_solenoid.designed import plant_of
-from valve_twin.core.valves.double_solenoid.eddies import EddyConfig, magnetising, step_branches
+from valve_twin.core.valves.double_solenoid.eddies import (
+    EddyConfig,
+    driving,
+    magnetising,
+    step_branches,
+)
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
 from valve_twin.core.valves.double_solenoid.parameters import constants_of
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
@@ -32,6 +37,7 @@ BRANCHES = (0.012, 4e-4, 0.035, 8e-3)
 PLANT = plant_of(MODEL.of_design(replace(FOUND, eddies=BRANCHES)))
 
 STIFF = replace(PLANT, spring_1=2e4, spring_2=2e4)
+GROWN = replace(STIFF, eddies=EddyConfig(0.0028, 5e-4, 0.0072, 1.27e-2, 6.8))
 NAMES = ("resistance_a", "resistance_b", "force_gain", "friction", "preload_1")
 
 
@@ -92,8 +98,11 @@ def test_a_time_that_the_step_cannot_follow_is_refused():
 
 
 def test_branches_that_the_step_cannot_follow_in_the_coil_are_refused():
-    with pytest.raises(ValueError, match=r"gain_1 = 10.0.*fastest time at 2\.6 ohm is 3\.7e-06 s"):
+    with pytest.raises(ValueError, match=r"gain_1 = 10.0.*at 2\.6 ohm and 2\.6 A is 3\.7e-06 s"):
         DoubleSolenoidPlant(eddies=EddyConfig(gain_1=10.0, time_1=1e-4))
+    with pytest.raises(ValueError, match=r"growth = 100\.0: the fastest time .* and 2\.6 A"):
+        DoubleSolenoidPlant(eddies=EddyConfig(gain_1=0.1, time_1=4e-4, growth=100.0))
+    assert DoubleSolenoidPlant(eddies=EddyConfig(gain_1=0.1, time_1=4e-4)).eddies.growth == 0.0
 
 
 def test_a_slower_branch_alone_is_refused():
@@ -152,13 +161,36 @@ def test_the_free_run_of_a_twin_that_knows_them_follows_the_valve():
         assert least < done.fit_test < most
 
 
+def test_the_gains_grow_with_the_current_that_magnetises():
+    of = EddyConfig(*BRANCHES, growth=3.0).numbers()
+    assert driving(of, 0.5, 10.0) == 25.0
+    assert driving(of, -0.5, 10.0) == 10.0  # below none there is nothing to grow with
+    constant = EddyConfig(*BRANCHES).numbers()
+    seen, *after = magnetising(of, 1.0, 10.0, 0.01, -0.02, 1e-4)
+    same = magnetising(constant, 1.0, driving(of, seen, 10.0), 0.01, -0.02, 1e-4)
+    assert (seen, *after) == pytest.approx(same, rel=1e-12)
+
+
 @pytest.mark.no_cover
-@pytest.mark.parametrize("seed", [821, 822, 823])
-def test_a_twin_that_knows_them_withholds_nothing_of_a_valve_that_has_aged(seed):
-    rng = np.random.default_rng(seed)
-    truth = {n: getattr(STIFF, n) * rng.uniform(0.85, 1.15) for n in NAMES}
-    (cycle,) = cycles_of(replaced(STIFF, truth), 1, seed)
-    (found,) = MODEL.estimate(cycle, options_for(STIFF))
+def test_a_twin_that_does_not_know_how_they_grow_does_not_follow_the_valve():
+    fits = []
+    for known in (GROWN, STIFF):
+        first, second = cycles_of(GROWN, 2, 5)
+        _, memory = estimate_cycle(MODEL, options_for(known), first, Memory.empty())
+        (done, *_), _ = estimate_cycle(MODEL, options_for(known), second, memory)
+        fits.append(done.fit_test)
+    assert fits[0] > 97.0
+    assert fits[1] < 90.0
+
+
+@pytest.mark.no_cover
+@pytest.mark.parametrize(("plant", "seed"), [("STIFF", 821), ("STIFF", 822), ("STIFF", 823),
+                                             ("GROWN", 824), ("GROWN", 825)])  # fmt: skip
+def test_a_twin_that_knows_them_withholds_nothing_of_a_valve_that_has_aged(plant, seed):
+    rng, known = np.random.default_rng(seed), {"STIFF": STIFF, "GROWN": GROWN}[plant]
+    truth = {n: getattr(known, n) * rng.uniform(0.85, 1.15) for n in NAMES}
+    (cycle,) = cycles_of(replaced(known, truth), 1, seed)
+    (found,) = MODEL.estimate(cycle, options_for(known))
     assert found.status is EstimateStatus.ACCEPTED, found.reason
     for p in found.parameters:
         if p.name in truth:

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.designed import Designed, Wear
 
-_EDDIES = ("eddies.gain_1", "eddies.time_1", "eddies.gain_2", "eddies.time_2")
+_EDDIES = tuple(f"eddies.{n}" for n in ("gain_1", "time_1", "gain_2", "time_2", "growth"))
 _REST, _FOLLOWED = 50, 800  # control samples before and after a step
+_REACHED = 600  # control samples in which it comes to rest at another start
 _SEED = 0  # of the noise of the position
 _PLACES = 33  # between middle and open port at which the force is looked at
 
@@ -107,8 +108,10 @@ def plant_of(numbers: Numbers) -> DoubleSolenoidPlant:
     return replaced(DoubleSolenoidPlant(), {**numbers.shared, **numbers.own})
 
 
-def follow_step(numbers: Numbers, share: float, changes: Mapping[str, float]) -> Loop:
-    """Follow a step of the setpoint from the middle for 80 ms; see `Designable.loop`.
+def follow_step(
+    numbers: Numbers, share: float, changes: Mapping[str, float], start: float = 0.0
+) -> Loop:
+    """Follow a step of the setpoint for 80 ms; see `Designable.loop`.
 
     The controllers keep the model of the design and know the supply: what else changes is the
     valve's alone. They read position and currents through the sensors of the simulated valve.
@@ -118,9 +121,11 @@ def follow_step(numbers: Numbers, share: float, changes: Mapping[str, float]) ->
     numbers : Numbers
         Of the valve.
     share : float
-        Step over half the stroke, -1..1, not 0 [1].
+        End of the step over half the stroke, -1..1, not the start [1].
     changes : mapping
         Factors of friction, supply and copper [1].
+    start : float
+        Where the valve rests before it, likewise [1].
 
     Raises
     ------
@@ -139,10 +144,11 @@ def follow_step(numbers: Numbers, share: float, changes: Mapping[str, float]) ->
     gains = gains._replace(supply=gains.supply * changes.get("supply", 1.0))
     observer = plant.observer.numbers(float(plant.current_quantum), _SEED)
     state, o = np.split(plant.initial_state(), 2)
-    work, states = o.copy(), np.empty((_REST + _FOLLOWED + 1, len(state)))
+    rest = _REACHED if start else _REST
+    work, states = o.copy(), np.empty((rest + _FOLLOWED + 1, len(state)))
     for n in range(len(states)):
         states[n] = state
-        target = share * plant.half_stroke if n >= _REST else 0.0
+        target = (share if n >= rest else start) * plant.half_stroke
         correct(o, v, m, observer, state, state[at.X])
         command = decide(o, v, m, gains, weights, target, work)
         at.control_sample(state, real, m, gains, command, False)
@@ -150,12 +156,15 @@ def follow_step(numbers: Numbers, share: float, changes: Mapping[str, float]) ->
     refusal = plant.failure(np.concatenate([state, o]))
     if refusal:
         raise ValueError(refusal)
-    return _loop(plant, copper, share, states[_REST:])
+    return _loop(plant, copper, (start, share), states[rest:])
 
 
-def _loop(plant: DoubleSolenoidPlant, copper: float, share: float, s: FloatArray) -> Loop:
+def _loop(
+    plant: DoubleSolenoidPlant, copper: float, ends: tuple[float, float], s: FloatArray
+) -> Loop:
     time_s: FloatArray = at.SAMPLE_S * np.arange(len(s), dtype=np.float64)
-    place = s[:, at.X] / (share * plant.half_stroke)
+    start, share = ends
+    place = (s[:, at.X] - start * plant.half_stroke) / ((share - start) * plant.half_stroke)
     of = judge_step(time_s, place)
     heat = plant.resistance_a * s[:, at.MEAN_A] ** 2 + plant.resistance_b * s[:, at.MEAN_B] ** 2
     wanted = np.full(len(s), 1e3 * share * plant.half_stroke)

@@ -228,9 +228,11 @@ class DoubleSolenoidModel(CompiledModel):
         """Return a designed solenoid's numbers, as `Designable.of_design`."""
         return numbers_of(found)
 
-    def loop(self, numbers: Numbers, share: float, changes: Mapping[str, float]) -> Loop:
+    def loop(
+        self, numbers: Numbers, share: float, changes: Mapping[str, float], start: float = 0.0
+    ) -> Loop:
         """Follow a step of the setpoint, parameters as `Designable.loop`."""
-        return follow_step(numbers, share, changes)
+        return follow_step(numbers, share, changes, start)
 
     def force_margin(self, numbers: Numbers) -> float:
         """Return the force that is left, as `Designable.force_margin`."""

@@ -231,7 +231,8 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
                 raise QuantityError(type(self).__name__, refusal)
         direct, curves = self.current_b2 / self.current_a2, self.tables()
         if self.eddies.gain_1:
-            self.eddies.check_resistance(max(self.resistance_a, self.resistance_b))
+            resistance = max(self.resistance_a, self.resistance_b)
+            self.eddies.check_resistance(resistance, self.largest_current)
             direct = 1.0
         if isinstance(curves, CoenergyTables):  # currents that magnetise have a common energy
             share = 0.0 if self.eddies.gain_1 else coupling_of(curves)

@@ -28,7 +28,7 @@ from valve_twin.core.control.current_loop import (
     positive_steps,
 )
 from valve_twin.core.physics.curves import locate, static_currents, static_force
-from valve_twin.core.valves.double_solenoid.eddies import step_branches
+from valve_twin.core.valves.double_solenoid.eddies import driving, step_branches
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
@@ -192,8 +192,8 @@ def step_sample(
         psi_a += h * induced_a
         psi_b += h * induced_b
         if linked:
-            a1, a2 = step_branches(eddy, a1, a2, induced_a, h)
-            b1, b2 = step_branches(eddy, b1, b2, induced_b, h)
+            a1, a2 = step_branches(eddy, a1, a2, driving(eddy, stat_a, induced_a), h)
+            b1, b2 = step_branches(eddy, b1, b2, driving(eddy, stat_b, induced_b), h)
         else:
             a1, a2 = a1 + h * a2, a2 + h * (c.rate_1 * (stat_a - a1) - c.rate_2 * a2)
             b1, b2 = b1 + h * b2, b2 + h * (c.rate_1 * (stat_b - b1) - c.rate_2 * b2)

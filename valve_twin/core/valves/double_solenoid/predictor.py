@@ -53,8 +53,8 @@ _RATE_1, _RATE_2, _OUT_1, _OUT_2, _DIRECT = range(11, 16)
 _OWN = 16  # five numbers of the magnetic tables
 _CURRENT_SCALE, _PERIOD = 21, 22
 _RESISTANCE_A, _RESISTANCE_B, _SUPPLY = 23, 24, 25
-_EDDIES = 26  # four numbers of them
-_SCALARS = 30
+_EDDIES = 26  # five numbers of them
+_SCALARS = 31
 _CURRENT_TABLE = FLUX_NODES * POSITION_NODES
 _FORCE_TABLE = CURRENT_NODES * POSITION_NODES
 N_COEFFICIENTS = _SCALARS + _CURRENT_TABLE + _FORCE_TABLE
@@ -102,7 +102,8 @@ class _Numbers(NamedTuple):
 @njit(cache=True)
 def _valve(c: FloatArray) -> Valve:
     force = Second(c[_RATE_1], c[_RATE_2], c[_OUT_1], c[_OUT_2], c[_DIRECT])
-    eddies = Eddies(c[_EDDIES], c[_EDDIES + 1], c[_EDDIES + 2], c[_EDDIES + 3])
+    gain_1, rate_1, gain_2, rate_2, growth = c[_EDDIES:_SCALARS]
+    eddies = Eddies(gain_1, rate_1, gain_2, rate_2, growth)
     return Valve(
         c[_RESISTANCE_A], c[_RESISTANCE_B], force, force, eddies, c[_FORCE_GAIN], c[_MASS],
         c[_PRELOAD_1], c[_PRELOAD_2], c[_SPRING_1], c[_SPRING_2], c[_FRICTION], c[_ALPHA],

@@ -12,7 +12,7 @@ was found, another valve (a constant moved) needs no search of its own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,7 +42,9 @@ _FEWEST = 500  # fewest whole samples, assumed
 _ROUNDS = 2
 _STEP = 1e-3  # for derivatives, of the value [1]
 _LEAST = 1e-7  # that a balance leaves [Wb]
-_RANGES = np.array([(of.lower, of.upper) for of in describe(EddyConfig)])  # A/V, s
+_RANGES = np.array(
+    [(of.lower, of.upper) for of in describe(EddyConfig) if of.name in BRANCHES]
+)  # A/V, s
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +161,8 @@ def _balance(
     record: Record, valve: DoubleSolenoidPlant, resistances: list[float], at: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return what the balances of both coils leave, and their flux linkages, (2, M) each [Wb]."""
-    of, part = EddyConfig(*_around(valve, at).tolist()), longest_part(record.known)
+    found = zip(BRANCHES, _around(valve, at).tolist(), strict=True)
+    of, part = replace(valve.eddies, **dict(found)), longest_part(record.known)
     shown = less_eddies(record, of.numbers(), resistances)
     places = np.arange(part.start + _THINNED, part.stop - 1, _THINNED)
     pairs = np.repeat(places, 2)  # `flux_record` takes means of neighbours
