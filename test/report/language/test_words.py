@@ -469,3 +469,12 @@ def test_a_whole_report_is_translated_and_says_so():
 def test_what_a_user_wrote_is_not_told_in_another_language():
     page = '<h1 translate="no">cycle</h1><td>good</td><td translate="no">good</td>'
     assert whole_page(page, "de") == page.replace("<td>good", "<td>gut")
+
+
+def test_no_file_of_words_has_an_original_twice(root):
+    folder = root / "valve_twin" / "report" / "language" / "locale"
+    for path in sorted(folder.glob("*.po")):
+        originals = re.findall(r"^msgid (.+)$", path.read_text(encoding="utf-8"), re.M)
+        twice = {text for text in originals if originals.count(text) > 1}
+        assert originals, path.name
+        assert not twice, path.name
