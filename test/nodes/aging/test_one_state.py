@@ -22,7 +22,7 @@ from valve_twin.core.aging.verdict import LimitState, TrendStatus, decide
 from valve_twin.core.diagnosis.changes.finding import CLOCK, UNKNOWN, Diagnosis, Finding
 from valve_twin.core.diagnosis.generic.faults import FAULTS
 from valve_twin.core.diagnosis.table import FAULT_TYPES, PAIRS
-from valve_twin.core.faults.advice import FAILURE_MODES, FAULT_ADVICE, advise
+from valve_twin.core.faults.advice import FAULT_ADVICE, advise
 from valve_twin.core.operation.events import verdict_events
 from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.gateway.foxglove.face import _conditions
@@ -145,5 +145,7 @@ def test_what_no_data_tell_apart_has_one_state_and_one_failure_mode_or_says_whic
 
 
 def test_a_jam_fails_to_regulate_as_it_may_stand_open_as_well_as_closed():
-    assert "FTO" not in FAILURE_MODES
     assert FAULT_ADVICE["no_motion"].failure_mode == "FTR"
+    named = {name: a.failure_mode for name, a in FAULT_ADVICE.items()}
+    ends = {name: mode for name, mode in named.items() if mode in {"FTO", "FTC"}}
+    assert ends == {"no_opening": "FTO", "no_closing": "FTC"}  # switches tell which end it lacks
