@@ -68,6 +68,22 @@ def test_what_explains_more_than_before_names_it(wrong):
     assert (found.onset, found.alarm, found.end) == (ONSET, ONSET + 2, -1)
 
 
+def test_a_size_is_told_only_where_the_features_show_that_fault():
+    """A damper whose zero was off was "slower motion up, size 0.0015", at over 100 deviations."""
+    least, rng = table().least(), np.random.default_rng(11)
+    rays = [np.array(s.change) / least for s in table().signatures if s.fault == "delay"]
+    other = rng.standard_normal(len(least))
+    for ray in np.linalg.qr(np.array(rays).T)[0].T:
+        other -= (other @ ray) * ray
+    other *= 3.0 * np.linalg.norm(rays[0]) / np.linalg.norm(other)
+    for share, is_told in ((0.1, False), (1.0, True)):  # 0.1 % and 10 % of the squares
+        rows = np.zeros((len(CYCLES), len(least)))
+        rows[CYCLES >= ONSET] = (other + share * rays[0]) * least
+        found = named(finding("lost_motion"), shown(delay=1.0), features=rows)
+        assert found.fault == "delay"
+        assert np.isfinite(found.severity) == is_told, share
+
+
 def test_what_explains_nearly_as_much_is_named_with_it():
     found = named(finding("lost_motion"), shown(delay=1.0, slow=0.85, slow_up=0.4))
     assert (found.fault, found.rivals) == ("delay", ("slow",))

@@ -51,6 +51,10 @@ a model misses much any other explains little of it, assumed [1]."""
 _BETTER = 3.0
 """By how much more it must explain than the fault that the signatures name, assumed [1]."""
 
+_TELLS = 0.05
+"""Least share of a change of features that the signatures of a fault must be for its size to be
+told, assumed [1]."""
+
 _NEAR = 0.7
 """Share of what the best explains from which on another one may be it as well, assumed [1]."""
 
@@ -386,16 +390,19 @@ def _mean(rows: FloatArray) -> FloatArray:
 
 
 def _size(name: str, change: FloatArray, table: SignatureTable) -> float:
-    """Return the size of a fault by a change of features (F,); NaN = its signatures tell none."""
-    size = _nearest(name, change, table)[1]
-    return size if size else float("nan")
+    """Return the size of a fault by a change of features (F,); NaN = its signatures tell none.
+
+    They tell none, either, of a change that is nearly all left at the size nearest to it.
+    """
+    left, size = _nearest(name, change, table)
+    whole = float(np.sum(_in_least(change, table)[1] ** 2))
+    return size if size and left < (1.0 - _TELLS) * whole else float("nan")
 
 
 def _nearest(name: str, change: FloatArray, table: SignatureTable) -> tuple[float, float]:
     """Return what the signatures of a fault leave of a change (F,) at the size nearest to it."""
+    known, off = _in_least(change, table)
     spread = table.least()
-    known = np.isfinite(change) & (spread > 0.0)
-    off = change[known] / spread[known]
     found: list[tuple[float, float]] = []
     for k, signature in enumerate(table.signatures):
         if signature.fault == name:
@@ -404,3 +411,10 @@ def _nearest(name: str, change: FloatArray, table: SignatureTable) -> tuple[floa
             left = float(np.sum((off - size * ray) ** 2))
             found.append((left, signature.severity * size))
     return min(found)
+
+
+def _in_least(change: FloatArray, table: SignatureTable) -> tuple[BoolArray, FloatArray]:
+    """Return which features of a change (F,) are known, and these in their least deviations."""
+    spread = table.least()
+    known = np.isfinite(change) & (spread > 0.0)
+    return known, change[known] / spread[known]
