@@ -8,6 +8,7 @@ import json
 from pkgutil import get_data
 from typing import TYPE_CHECKING
 
+from valve_twin.core.diagnosis.generic.features import GAINS
 from valve_twin.core.diagnosis.table import Signature, SignatureTable
 
 if TYPE_CHECKING:
@@ -43,9 +44,9 @@ def read_table(package: str) -> SignatureTable:
         Signature(fault, size, tuple(change), tuple(scatter))
         for fault, size, change, scatter in given["signatures"]
     )
-    features, floor, gains, slopes = (
-        tuple(given[part]) for part in ("features", "floor", "gains", "slopes")
-    )
+    features, floor = tuple(given["features"]), tuple(given["floor"])
+    of_any_valve = [name for name in GAINS if name in features]  # older files do not say
+    gains, slopes = tuple(given.get("gains", of_any_valve)), tuple(given.get("slopes", ()))
     return SignatureTable(features, covariance, floor, signatures, levels, gains, slopes)
 
 
