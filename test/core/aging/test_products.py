@@ -15,6 +15,7 @@ from valve_twin.core.aging.series import order_history, series_of
 from valve_twin.core.aging.verdict import TrendStatus
 from valve_twin.core.diagnosis.changes.finding import CLOCK, Diagnosis, Finding
 from valve_twin.core.past.columns import past_of
+from valve_twin.core.past.state import AgingState
 from valve_twin.core.types import (
     Condition,
     Estimate,
@@ -198,4 +199,26 @@ def test_programs_that_are_as_long_but_return_at_another_time_are_two_products()
     assert product_numbers(estimates).tolist() == ONE.tolist()
     assert product_numbers(estimates, rows).tolist() == (1 - CHANGED).tolist()
     half = rows.take(np.arange(10, CYCLES))  # of the first cycles nothing is known
-    assert product_numbers(estimates, half).tolist() == [-1] * 10 + (1 - CHANGED)[10:].tolist()
+    assert product_numbers(estimates, half).tolist() == [2] * 10 + (1 - CHANGED)[10:].tolist()
+
+
+def test_estimates_whose_features_are_let_go_of_stay_in_the_trend():
+    """Of 5000 cycles the first 2952 were left out, and the reference with them."""
+    whole = made(IN_TURN, drift=-0.16, step=-0.02)
+    state = AgingState(recent_features=15)
+    for estimate, which in zip(whole, IN_TURN.tolist(), strict=True):
+        timed = replace(
+            estimate,
+            end_ns=estimate.start_ns + 18 * 10**9,
+            conditions=(Condition("stroke", STROKES[0]),),
+        )
+        state.add(timed)
+        returns = ParameterValue("returns", 7.71 + 0.36 * which)
+        shown = replace(timed, estimator="features", used_by_trend=False, parameters=(returns,))
+        state.add(shown)
+    past = state.past()
+    assert len(past.features) < 30
+    rules = AgingConfig(thresholds=(Threshold(GAIN.name, -15.0),))
+    trend = assess(past, (), rules, parameters=(GAIN,), confidence=0.9).trends[0]
+    assert trend.samples == CYCLES
+    assert trend.drift_reference_lower_95 < -14.4 < trend.drift_reference_upper_95 < -10.0

@@ -7,6 +7,7 @@ import pytest
 
 from valve_twin.core.diagnosis.products import (
     MADE,
+    behind_a_pause,
     clocks_apart,
     last_left,
     products,
@@ -99,6 +100,38 @@ def test_programs_that_are_as_long_but_return_at_another_time_are_two_products()
     assert with_returns(one[:15], times[:15]).tolist() == [0] * 12 + [-1] * 3
     times[4] = np.nan
     assert with_returns(one, times).tolist() == [1] * 4 + [-1] + [1] * 7 + [0] * 8
+
+
+def test_a_pause_comes_before_the_next_cycle_of_every_product():
+    """Of recipes in turn it was known of the first that was made behind a pause alone."""
+    product = np.array([-1, 0, 1, 0, 1, -1, 0, 1, 0, -1, -1, 0, 1])
+    shown = {n: behind_a_pause(product, product == n).tolist() for n in (0, 1)}
+    assert shown[0] == [False, False, True, False, True]
+    assert shown[1] == [False, False, True, True]
+    assert behind_a_pause(np.zeros(3, dtype=np.int64), slice(None)).tolist() == [False] * 3
+
+
+def test_cycles_of_an_older_version_stay_a_product_where_times_of_return_take_others_apart():
+    """They were of no product at all, and with them a fault that lasts."""
+    older, one = np.full(20, np.nan), np.zeros(32, dtype=np.int64)
+    odd = np.concatenate((older, np.full(12, 8.07)))
+    odd[25] = 8.5
+    assert with_returns(one, odd).tolist() == [0] * 25 + [-1] + [0] * 6
+    two = np.concatenate((older, np.where(np.arange(12) % 2, 8.07, 7.71)))
+    assert with_returns(one, two).tolist() == [2] * 20 + [0, 1] * 6
+
+
+def test_a_sample_more_or_less_is_no_other_program():
+    """A return after 3 s that was logged a sample later was another product, or none at all."""
+    one = np.zeros(20, dtype=np.int64)
+    for period_s in (0.01, 0.02, 0.03, 0.04):
+        samples = round(3.0 / period_s) + np.arange(20) % 2
+        assert with_returns(one, samples * period_s).tolist() == [0] * 20
+    few = np.full(20, 3.0)
+    few[[3, 11]] += 0.04
+    assert with_returns(one, few).tolist() == [0] * 20
+    begins = np.where(np.arange(20) % 3, 0.0, 0.02)
+    assert with_returns(one, begins).tolist() == [0] * 20
 
 
 def test_times_of_return_leave_alone_what_they_do_not_tell():

@@ -181,7 +181,7 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
     vectors = without_timed(vectors, table) if clock else vectors
     for number, own in _rows_of(product):
         of = known.of(number)
-        steady = of.slips.taken_out(vectors[own], table, behind_a_pause(product)[own])
+        steady = of.slips.taken_out(vectors[own], table, behind_a_pause(product, own))
         part = detect(
             cycles[own],
             steady,

@@ -29,6 +29,10 @@ _NEAR, _CLEAR = 0.006, 1.4
 """Relative gap between two products that are nearer than that, which is so many times as wide as
 each of them [1]: a sample more or less of a logger of 40 ms is 0.005 of 8 s."""
 
+_SAMPLES_S = 0.06
+"""Least gap between the times of return of two programs, one and a half samples of a logger of
+40 ms: from when on a command is logged jumps by a sample, assumed [s]."""
+
 _FEWEST = 5
 """Fewest cycles of a product."""
 
@@ -107,8 +111,9 @@ def with_returns(product: IntArray, returns_s: FloatArray) -> IntArray:
     product : (N,) int64 array
         What each cycle makes by its duration, -1 = not known [1].
     returns_s : (N,) array
-        Time from the start of each to its return [s]; one that shows none (NaN) stays with its
-        product unless that is taken apart.
+        Time from the start of each to its return [s]. One that shows none (NaN) stays with its
+        product; where that is taken apart, those before the first that shows it, of an older
+        version or let go of, are a product of their own.
 
     Returns
     -------
@@ -124,18 +129,22 @@ def with_returns(product: IntArray, returns_s: FloatArray) -> IntArray:
         told = np.flatnonzero(own & known)
         parts = np.zeros(len(told), dtype=np.int64)
         if len(told) >= 2 * _FEWEST:
-            parts = _with_near(parts, returns_s[told])
+            parts = _with_near(parts, returns_s[told], _SAMPLES_S)
         found[told] = np.where(parts < 0, -1, last + 1 + parts)
-        if not parts.any():
-            found[own] = last + 1
+        others = np.flatnonzero(own & ~known)
+        if parts.max(initial=0) == 0:  # one program, odd cycles aside
+            found[others] = last + 1
+        elif np.count_nonzero(others < told[0]) >= _FEWEST:
+            found[others[others < told[0]]] = int(found.max()) + 1
         last = max(last + int(own.any()), int(found.max()))
     return found
 
 
-def _with_near(group: IntArray, duration_s: FloatArray) -> IntArray:
+def _with_near(group: IntArray, duration_s: FloatArray, least_s: float = 0.0) -> IntArray:
     """Return products, one that is two which are near each other taken apart.
 
-    As long as one of the two has too few cycles, these are of no product.
+    As long as one of the two has too few cycles, these are of no product. No gap below `least_s`
+    takes apart.
     """
     found, last = np.full_like(group, -1), -1
     for number in range(int(group.max()) + 1):
@@ -148,7 +157,7 @@ def _with_near(group: IntArray, duration_s: FloatArray) -> IntArray:
         wider = max(ranked[at] - ranked[0], ranked[-1] - ranked[at + 1])
         whole = np.ones(len(own), dtype=np.bool_)
         shorter = duration_s[own] <= ranked[at]
-        apart = gap > max(_NEAR * ranked[at], _CLEAR * wider)
+        apart = gap > max(_NEAR * ranked[at], _CLEAR * wider, least_s)
         for side in (shorter, ~shorter) if apart else (whole,):
             if np.count_nonzero(side) >= _FEWEST:
                 last += 1
@@ -167,9 +176,23 @@ def wider_beside(ranked: FloatArray, apart: BoolArray) -> FloatArray:
     return np.asarray(np.maximum(width[:-1], width[1:]), dtype=np.float64)
 
 
-def behind_a_pause(product: IntArray) -> BoolArray:
-    """Return which cycles come behind one of no known product, as one with a pause is, (N,)."""
-    return np.append(False, product[:-1] < 0)
+def behind_a_pause(product: IntArray, own: BoolArray | slice) -> BoolArray:
+    """Return which cycles of a product come behind one of no known product, as one with a pause is.
+
+    Parameters
+    ----------
+    product : (N,) int64 array
+        What each cycle makes, -1 = not known [1].
+    own : (N,) bool array or slice
+        Those of the product.
+
+    Returns
+    -------
+    (M,) bool array
+        Of each of these, whether one of no known product came since the one before of them.
+    """
+    odd = np.cumsum(product < 0)[own]
+    return np.asarray(np.diff(odd, prepend=odd[:1]) > 0)
 
 
 def last_left(cycles: IntArray, product: IntArray, number: int) -> int:
