@@ -202,6 +202,23 @@ def test_programs_that_are_as_long_but_return_at_another_time_are_two_products()
     assert product_numbers(estimates, half).tolist() == [2] * 10 + (1 - CHANGED)[10:].tolist()
 
 
+def test_a_cycle_whose_number_comes_again_keeps_its_own_time_of_return():
+    """Where the count began anew, the first run was the product of the second."""
+    whole = [replace(e, cycle=(e.cycle - 1) % 25 + 1) for e in made(ONE)]
+    shown = [
+        replace(
+            e,
+            estimator="features",
+            used_by_trend=False,
+            parameters=(ParameterValue("returns", 7.71 if k < 25 else 8.07),),
+        )
+        for k, e in enumerate(whole)
+    ]
+    past = past_of([*whole, *shown])
+    rows = order_history(past, Axis.CYCLES).rows
+    assert product_numbers(rows, past.features).tolist() == [0] * 25 + [1] * 25
+
+
 def test_estimates_whose_features_are_let_go_of_stay_in_the_trend():
     """Of 5000 cycles the first 2952 were left out, and the reference with them."""
     whole = made(IN_TURN, drift=-0.16, step=-0.02)

@@ -125,8 +125,8 @@ def test_a_sample_more_or_less_is_no_other_program():
     """A return after 3 s that was logged a sample later was another product, or none at all."""
     one = np.zeros(20, dtype=np.int64)
     for period_s in (0.01, 0.02, 0.03, 0.04):
-        samples = round(3.0 / period_s) + np.arange(20) % 2
-        assert with_returns(one, samples * period_s).tolist() == [0] * 20
+        samples = round(3.0 / period_s) + np.arange(20.0) % 2.0
+        assert with_returns(one, np.asarray(period_s * samples, np.float64)).tolist() == [0] * 20
     few = np.full(20, 3.0)
     few[[3, 11]] += 0.04
     assert with_returns(one, few).tolist() == [0] * 20

@@ -120,11 +120,8 @@ def same_product(
 
 def _returns_of(rows: Rows, shown: Rows) -> FloatArray:
     """Return when the cycle of every estimate returned, (N,), NaN where not known [s]."""
-    order = np.argsort(shown.cycle, kind="stable")
-    cycles, returns_s = shown.cycle[order], shown.usable(RETURNS)[order]
-    at = np.searchsorted(cycles, rows.cycle, side="right") - 1  # the last that came
-    there = (at >= 0) & (cycles[np.maximum(at, 0)] == rows.cycle)
-    return np.where(there, returns_s[np.maximum(at, 0)], np.nan)
+    at = shown.at(rows.cycle, rows.end_ns)
+    return np.where(at < 0, np.nan, shown.usable(RETURNS)[at])
 
 
 def product_numbers(rows: Rows, shown: Rows | None = None) -> IntArray:

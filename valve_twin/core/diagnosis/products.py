@@ -177,7 +177,7 @@ def wider_beside(ranked: FloatArray, apart: BoolArray) -> FloatArray:
 
 
 def behind_a_pause(product: IntArray, own: BoolArray | slice) -> BoolArray:
-    """Return which cycles of a product come behind one of no known product, as one with a pause is.
+    """Return which cycles of a product come behind one of no known product, as with a pause.
 
     Parameters
     ----------
