@@ -144,6 +144,22 @@ def test_times_of_return_leave_alone_what_they_do_not_tell():
     assert with_returns(product, none).tolist() == product.tolist()
 
 
+@pytest.mark.parametrize("odd", [0.1, 2.0, 4.0, 9.0])
+def test_one_cycle_that_returns_oddly_leaves_the_products_apart(odd):
+    times = np.where(np.arange(40) % 2, 3.0, 5.0)
+    times[7] = odd
+    found = with_returns(np.zeros(40, dtype=np.int64), times)
+    assert np.flatnonzero(found < 0).tolist() == [7]
+    assert set(found[::2].tolist()) == {1}
+    assert np.count_nonzero(found == 0) == 19
+
+
+def test_more_than_two_programs_are_told_by_their_returns():
+    times = np.array([2.0, 3.0, 4.0])[np.arange(39) % 3]
+    found = with_returns(np.zeros(39, dtype=np.int64), times)
+    assert found.tolist() == [0, 1, 2] * 13
+
+
 @pytest.mark.parametrize("rate", [350e-6, -280e-6])
 def test_clocks_apart_are_found_by_their_rate(table, rate):
     noise = 1e-3 * np.random.default_rng(3).standard_normal((2, 40))

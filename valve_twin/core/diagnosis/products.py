@@ -66,13 +66,15 @@ _OF_RATE = 0.35
 _ROUNDED = 1e-9
 
 
-def products(duration_s: FloatArray) -> IntArray:
+def products(duration_s: FloatArray, least_s: float = 0.0) -> IntArray:
     """Return which product each cycle makes, by the duration of the program; -1 = not known.
 
     Parameters
     ----------
     duration_s : (N,) array
         Durations of the cycles [s].
+    least_s : float
+        Gap that no two products are nearer than [s].
 
     Returns
     -------
@@ -80,12 +82,12 @@ def products(duration_s: FloatArray) -> IntArray:
         Number of the product, longest program last; all 0 where durations differ too much to say.
     """
     low, high = float(duration_s.min()), float(duration_s.max())
-    if high - low <= _NEAR * max(low, 1e-9):
+    if high - low <= max(_NEAR * max(low, 1e-9), least_s):
         return np.zeros(len(duration_s), dtype=np.int64)
     order = np.argsort(duration_s, kind="stable")
     ranked = duration_s[order]
     gap = np.diff(ranked)
-    apart = gap > _ALIKE * np.maximum(ranked[1:], 1e-9)
+    apart = gap > np.maximum(_ALIKE * np.maximum(ranked[1:], 1e-9), least_s)
     apart[apart] = gap[apart] > wider_beside(ranked, apart)
     group = np.empty(len(ranked), dtype=np.int64)
     group[order] = np.concatenate(([0], np.cumsum(apart)))
@@ -97,7 +99,7 @@ def products(duration_s: FloatArray) -> IntArray:
     odd = few[~paused & ~(begun & few)]
     if not len(odd) or np.mean(odd) > _ODD:
         return np.zeros(len(group), dtype=np.int64)
-    return _with_near(group, duration_s)
+    return _with_near(group, duration_s, least_s)
 
 
 def with_returns(product: IntArray, returns_s: FloatArray) -> IntArray:
@@ -129,7 +131,7 @@ def with_returns(product: IntArray, returns_s: FloatArray) -> IntArray:
         told = np.flatnonzero(own & known)
         parts = np.zeros(len(told), dtype=np.int64)
         if len(told) >= 2 * _FEWEST:
-            parts = _with_near(parts, returns_s[told], _SAMPLES_S)
+            parts = products(returns_s[told], _SAMPLES_S)
         found[told] = np.where(parts < 0, -1, last + 1 + parts)
         others = np.flatnonzero(own & ~known)
         if parts.max(initial=0) == 0:  # one program, odd cycles aside
@@ -140,7 +142,7 @@ def with_returns(product: IntArray, returns_s: FloatArray) -> IntArray:
     return found
 
 
-def _with_near(group: IntArray, duration_s: FloatArray, least_s: float = 0.0) -> IntArray:
+def _with_near(group: IntArray, duration_s: FloatArray, least_s: float) -> IntArray:
     """Return products, one that is two which are near each other taken apart.
 
     As long as one of the two has too few cycles, these are of no product. No gap below `least_s`

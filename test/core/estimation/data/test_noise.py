@@ -39,6 +39,17 @@ def test_single_outliers_are_no_noise_where_they_are_left_out(make_frames):
     assert noise_of(make_frames(odd)).sigma > 4.0 * 5e-5
 
 
+@pytest.mark.parametrize("share", [0.07, 0.1, 0.15, 0.3])
+def test_a_sensor_that_is_off_in_many_samples_is_noisy(make_frames, share):
+    """A loose contact was as quiet as before, its noise that of the samples between."""
+    rng = np.random.default_rng(8)
+    quiet = 5e-4 * rng.standard_normal(1000)
+    loose = quiet + 0.02 * (rng.random(1000) < share) * rng.choice((-1.0, 1.0), 1000)
+    frames = make_frames(loose)
+    masks = find_masks(frames, PERIOD_S, push=(1.0, -1.0))
+    assert rest_noise(frames, masks, outliers=False).sigma > 5.0 * 5e-4
+
+
 def test_steps_of_a_sensor_that_mostly_repeats_are_not_taken_for_outliers(make_frames):
     x = 1e-3 * (np.arange(200) % 9 == 0)
     frames = make_frames(x)

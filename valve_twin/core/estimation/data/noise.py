@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 MIN_REST_SAMPLES = 20  # fewest second differences at rest that give a noise level [1]
 _ROUNDING = 1e-12
 _OUTLYING = 6.0  # of normal noise one second difference in 5e8 is as large [standard deviations]
+_FEW = 0.15  # share of second differences from which on what is off is not single, three a sample
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +82,8 @@ def rest_noise(
     settle : int
         Samples to wait after the last command [samples].
     outliers : bool
-        Whether second differences count that white noise does not have.
+        Whether second differences count that white noise does not have; they do where they are
+        not few.
 
     Returns
     -------
@@ -106,5 +108,6 @@ def rest_noise(
         size = np.abs(bends[:count])
         most = _OUTLYING * robust_sigma(size)  # none where most values repeat: it has steps
         kept = size[size <= most] if most > _ROUNDING else size
+        kept = kept if len(kept) > (1.0 - _FEW) * count else size
         return RestNoise(float(np.sqrt(kept @ kept / len(kept) / 6.0)), len(kept))
     return RestNoise(float(np.sqrt(total / count / 6.0)), count)
