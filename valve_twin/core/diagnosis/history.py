@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -45,6 +46,7 @@ from valve_twin.core.diagnosis.refused import still, with_still
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.core.diagnosis.watch.growing import present
 from valve_twin.core.diagnosis.watch.memory import Known
+from valve_twin.core.diagnosis.watch.outgrown import outgrown
 from valve_twin.core.past.columns import Settled, past_of
 
 if TYPE_CHECKING:
@@ -179,22 +181,19 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
     before = [_until_maintained(f, cycles, restarts) for f in settled.findings]
     clock = clocks_of(shown, vectors, table, before, since, begins=first)
     vectors = without_timed(vectors, table) if clock else vectors
+    searched = partial(detect, restarts=restarts, judged=settled.judged)
     for number, own in _rows_of(product):
         of = known.of(number)
         steady = of.slips.taken_out(vectors[own], table, behind_a_pause(product, own))
-        part = detect(
-            cycles[own],
-            steady,
-            table,
-            config,
-            restarts=restarts,
-            judged=settled.judged,
-            memory=of,
-        )
+        part = searched(cycles[own], steady, table, config, memory=of)
         if any_valve and part.findings:
-            seen = shown, own, steady, model, table
-            own_names = named_by_motion(part.findings, *seen, restarts=restarts)
-            part = replace(part, findings=own_names)
+            grown = outgrown(part, cycles[own], steady, table, config, searched).findings
+            part = replace(
+                part,
+                findings=named_by_motion(
+                    grown, shown, own, steady, model, table, restarts=restarts
+                ),
+            )
         then = [
             _marked(f, _elsewhere(f, cycles, vectors, product, number, model), cycles, restarts)
             for f in part.findings
