@@ -54,7 +54,8 @@ def add(steps: Verbs) -> None:
     parser.add_argument(
         "--shares", nargs="+", metavar="STEP",
         help="steps that --replay follows, over the way to an open port: 0.5 (default) is from "
-        "the middle, 1:0 from an open port back to the middle, 0.5:-1 across it",
+        "the middle, 1:0 from an open port back to the middle, 0.5:-1 across it; "
+        "--shares=-0.5:1 one that begins on the other side",
     )  # fmt: skip
     add_form(parser)
     parser.add_argument("--svg", metavar="FILE", help="picture to write")
