@@ -134,8 +134,9 @@ def describe_finding(finding: Finding) -> str:
         )
     if not math.isfinite(finding.deviation):
         sure = "no sound valve shows it"
-    size = f", size {size_of(finding)}" if kind.sized else ""
-    line = f"{kind.text}{size}, {since}" + (f" ({sure})" if kind.sized else "")
+    line = f"{kind.text}, {since}"
+    if kind.sized:
+        line = f"{kind.text}, size {size_of(finding)}, {since} ({sure})"
     if not finding.rivals:
         return line
     others = " or ".join(BY_NAME[name].text for name in finding.rivals)

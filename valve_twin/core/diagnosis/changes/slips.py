@@ -27,7 +27,6 @@ _MOST_SLIPS = 2
 _UNMOVED = 0.1
 """Share of such a jump by which the other delay may move [1]."""
 
-
 _SHOWN = 3.0
 """Scatters of the cycles before by which a jump behind a pause shows [1]."""
 
