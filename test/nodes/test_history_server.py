@@ -67,14 +67,15 @@ def test_a_state_folder_that_is_full_or_gone_is_told_once_and_costs_what_memory_
         plant = OnServer(graph, postgres.url, **given)
         plant.feed(2)
         plant.wait_stored([1])
+        graph.wait_log(plant.twin, "make the disk writable again; cycles that wait")
         assert plant.twin.log.count("make the disk writable again; cycles that wait") == 1
         disk.mount("remount,rw")
         postgres.kill()
         plant.feed(2)
-        graph.spin_until(lambda: "No space left on device" in plant.twin.log, 60.0, "a word")
+        graph.wait_log(plant.twin, "No space left on device")
         disk.empty()
         plant.feed(1)
-        graph.spin_until(lambda: "is written again" in plant.twin.log, 60.0, "a word")
+        graph.wait_log(plant.twin, "is written again")
         shutil.rmtree(folder)  # what is in memory, too, is written anew
         plant.feed(2)
         assert len(list(folder.glob("history-*/*"))) >= 4

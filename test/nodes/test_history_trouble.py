@@ -145,7 +145,7 @@ def test_a_locked_database_delays_storing_and_each_cycle_is_told_once_more(graph
     for cycle in waited:
         assert last[cycle].status != Estimate.REFUSED, last[cycle].reason
         assert list(first[cycle].values) == list(last[cycle].values)
-    assert "all cycles are stored again" in plant.twin.log
+    graph.wait_log(plant.twin, "all cycles are stored again")
     assert plant.twin.end() == 0
 
 
@@ -157,7 +157,7 @@ def test_a_deleted_database_is_written_again_with_all_it_held(graph, database):
         Path(f"{database}{tail}").unlink()
     plant.feed(1)
     plant.wait_stored([1, 2, 3])
-    assert "was deleted while in use: it was written again" in plant.twin.log
+    graph.wait_log(plant.twin, "was deleted while in use: it was written again")
     shutil.rmtree(database.parent)  # now out of reach
     plant.feed(2)
     plant.wait_error("No such file or directory")
@@ -176,7 +176,7 @@ def test_a_truncated_history_is_whole_again_and_survives_a_kill(graph, database,
     os.truncate(f"{database}{tail}", 0)
     plant.feed(3)
     graph.spin_until(lambda: plant.told(stored=True) == [1, 2, 3, 4, 5], what="five stored")
-    assert "was truncated while in use" in plant.twin.log
+    graph.wait_log(plant.twin, "was truncated while in use")
     plant.twin.kill()
     assert plant.in_database() == [1, 2, 3, 4, 5]
     with History(database, read_only=True) as history:
@@ -225,7 +225,7 @@ def test_beyond_the_limit_the_oldest_are_lost_and_counted(graph, database):
         graph.spin_until(
             lambda: int(plant.figure("cycles dropped unsaved")) == 4, 120.0, "four cycles dropped"
         )
-        assert "2 cycles wait for the history, more are not kept" in plant.twin.log
+        graph.wait_log(plant.twin, "2 cycles wait for the history, more are not kept")
         holder.execute("ROLLBACK")
     plant.wait_stored([1, 6, 7])
 
@@ -267,6 +267,6 @@ def test_a_number_that_another_program_took_is_left_and_counting_goes_on_after_i
     assert plant.told(stored=False) == [2]
     numbers = [m.cycle for m in plant.summaries]
     assert len(numbers) == len(set(numbers))
-    assert "cycle 2 is not stored" in plant.twin.log
+    graph.wait_log(plant.twin, "cycle 2 is not stored")
     with History(database, read_only=True) as history:
         assert [c.reason for c in history.cycles(NS, 2, 1)] == ["of another program"]

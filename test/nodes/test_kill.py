@@ -246,7 +246,7 @@ def test_a_twin_goes_on_inside_a_cycle_with_the_bits_of_an_undisturbed_one(graph
     predicted(NS, len(data) - 5)
     wait_for_cycle(life, 5)
     graph.spin_until(lambda: summaries[-1].cycle == 5, 120.0, "the word of the last cycle")
-    assert "goes on where it ended, inside cycle 3" in life.twin.log
+    graph.wait_log(life.twin, "goes on where it ended, inside cycle 3")
     assert life.twin.end() == 0
 
     reference = Life(graph, "/press/ref", tmp_path / "undisturbed.sqlite")

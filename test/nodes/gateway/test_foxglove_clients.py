@@ -116,6 +116,6 @@ def test_more_connections_than_descriptors_do_not_end_what_is_live(graph, gatewa
         return None
 
     graph.spin_until(seen, what="a viewer that tries again")
-    assert "too many connections: all clients were let go" in made.log
+    graph.wait_log(made, "too many connections: all clients were let go")
     assert "Traceback" not in made.log
     assert made.process.poll() is None

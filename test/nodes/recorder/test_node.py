@@ -502,6 +502,7 @@ def test_a_full_disk_ends_the_file_not_the_node(graph, tmp_path):
             ),
             what="the fault on /diagnostics",
         )
+        graph.wait_log(process, "recording stops: ")
         assert process.log.count("recording stops: ") == 1
         (place / "ballast").unlink()
         graph.spin_until(lambda: status[-1].state == "recording", what="recording again")

@@ -316,9 +316,9 @@ class HistoryWriter:
         if self._closed:
             return
         self._busy, self._storing = False, None
-        done(outcome)
         while self.history.notices:
             self._node.get_logger().warning(self.history.notices.popleft())
+        done(outcome)
         self._next()
 
     def _on_checked(self, outcome: Outcome) -> None:
