@@ -231,7 +231,9 @@ class Graph:
     def wait_log(self, process: NodeProcess, *texts: str) -> None:
         """Wait until a process has printed each text: a message may be heard before its line."""
         for text in texts:
-            self.spin_until(lambda wanted=text: wanted in process.log, 120.0, f"'{text}' in the log")
+            self.spin_until(
+                lambda wanted=text: wanted in process.log, 120.0, f"'{text}' in the log"
+            )
 
     def _still_heard(self) -> str:
         """Say of each topic that is recorded how much was heard, and in the next 2 s."""
