@@ -57,7 +57,7 @@ class Feeder:
     def wait_until_received(self) -> None:
         """Wait until the middleware of every subscriber has what was sent."""
         for publisher in self._publishers:
-            assert publisher.wait_for_all_acked(Duration(seconds=10))
+            assert publisher.wait_for_all_acked(Duration(seconds=60))
 
     def feed(self, samples: int, offset_ns: int = START_NS, position=None) -> None:
         """Publish the next samples; `position` replaces the measured values."""

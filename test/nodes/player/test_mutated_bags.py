@@ -23,8 +23,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 TOPICS = ("/press/position", "/press/command")
-LONGEST_S = 60.0
+LONGEST_S = 120.0
 """A player that has not ended by then hangs; it has nothing to wait for but us [s]."""
+
+QUIET, QUIET_AFTER_AN_ERROR = 100, 15
+"""So many turns of the executor without a message say that none is left; a turn waits for one for
+20 ms, however long this process had no core [1]."""
 
 
 class Desk:
@@ -55,13 +59,11 @@ class Desk:
         code = player.process.poll()
         player.kill()
         self._graph.processes.remove(player)
-        begun, last = time.monotonic(), -1
-        while self.heard != wanted and time.monotonic() < begun + 2.0:  # the last ones in memory
-            self._graph.executor.spin_once(timeout_sec=0.02)
-            if self.heard.total() != last:
-                begun, last = time.monotonic(), self.heard.total()
-            if code != 0:
-                break
+        quiet = last = 0
+        while self.heard != wanted and quiet < (QUIET if code == 0 else QUIET_AFTER_AN_ERROR):
+            self._graph.executor.spin_once(timeout_sec=0.02)  # the last ones wait in memory
+            quiet = quiet + 1 if self.heard.total() == last else 0
+            last = self.heard.total()
         return code, player.log
 
 
