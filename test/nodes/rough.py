@@ -46,6 +46,14 @@ class Watched:
             f"{code} {subject} with status {status}; told: {self.faults()}",
         )
 
+    def wait_for_events(self, code: str, subject: str, events: int) -> Fault:
+        """Wait until a fault is told with so many events: a look may fall between them."""
+        return self.graph.spin_until(
+            lambda: (f := self.wait_for(code, subject)).events >= events and f,
+            120.0,
+            f"{events} events of {code} {subject}; told: {self.faults()}",
+        )
+
     @property
     def status(self):
         """The newest diagnostics of the valve."""

@@ -283,7 +283,7 @@ class Soak:
         return int(self.twin.returncode)
 
     def _leave(self, process: subprocess.Popen[str]) -> None:
-        process.wait(10)
+        process.wait(120)
         for pipe in (process.stdin, process.stdout):
             if pipe is not None and not pipe.closed:
                 pipe.close()
@@ -302,8 +302,16 @@ def cpu_s(pid: int) -> float:
 def children(pid: int) -> list[int]:
     text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
     others = (t for t in Path(f"/proc/{pid}/task").iterdir() if t.name != str(pid))
-    found = text.split() + [c for t in others for c in (t / "children").read_text().split()]
-    return [int(c) for c in found if "spawn_main" in Path(f"/proc/{c}/cmdline").read_text()]
+    found = text.split() + [c for t in others for c in _read(t / "children").split()]
+    return [int(c) for c in found if "spawn_main" in _read(Path(f"/proc/{c}/cmdline"))]
+
+
+def _read(path: Path) -> str:
+    """Return what /proc says of a thread or process; nothing of one that has just ended."""
+    try:
+        return path.read_text()
+    except OSError:
+        return ""
 
 
 def fill(database: Path, valves: int) -> None:
@@ -394,11 +402,11 @@ def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
         sent += batch
         if sent % second == 0:  # never more than the queues hold, however busy the machine
             for publisher in everyone:
-                publisher.wait_for_all_acked(Duration(seconds=10))
+                publisher.wait_for_all_acked(Duration(seconds=60))
         due = begin + sent * PERIOD_S / rate
         time.sleep(max(due - time.monotonic(), 0.0))
     for publisher in everyone:
-        publisher.wait_for_all_acked(Duration(seconds=10))
+        publisher.wait_for_all_acked(Duration(seconds=60))
     sys.stdout.write(json.dumps({"samples": sent, "seconds": time.monotonic() - begin}) + "\n")
     sys.stdout.flush()
     node.destroy_node()

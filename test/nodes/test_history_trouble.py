@@ -149,7 +149,7 @@ def test_a_locked_database_delays_storing_and_each_cycle_is_told_once_more(graph
     assert plant.twin.end() == 0
 
 
-def test_a_deleted_database_is_written_again_with_all_it_held(graph, database):
+def test_a_deleted_database_is_written_again_with_all_it_held(graph, database, tmp_path):
     plant = Plant(graph, database)
     plant.feed(3)
     plant.wait_stored([1, 2])
@@ -158,7 +158,8 @@ def test_a_deleted_database_is_written_again_with_all_it_held(graph, database):
     plant.feed(1)
     plant.wait_stored([1, 2, 3])
     graph.wait_log(plant.twin, "was deleted while in use: it was written again")
-    shutil.rmtree(database.parent)  # now out of reach
+    away = database.parent.rename(tmp_path / "away")
+    shutil.rmtree(away)  # now out of reach, and nothing is made in it meanwhile
     plant.feed(2)
     plant.wait_error("No such file or directory")
     assert plant.told(stored=True) == [1, 2, 3]

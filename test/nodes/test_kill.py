@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped, Prediction
 
@@ -112,6 +113,12 @@ def holds(snapshot: Path, cycle: int, stamp_ns: int) -> bool:
         return False
     head = snapshot.read_bytes().split(b"\n", 2)[1]
     return bool(json.loads(head)["cycle"] == cycle and head.count(b"%d" % stamp_ns) >= len(TOPICS))
+
+
+def received(diagnostics) -> list[int]:
+    """Return how many messages of each topic a twin has taken, by its newest diagnostics."""
+    figures = [v for m in diagnostics[-1:] for s in m.status for v in s.values]
+    return [int(v.value.split("/")[0]) for v in figures if v.key.endswith("/unreadable")]
 
 
 def kept(database: Path, ns: str):
@@ -218,6 +225,7 @@ def test_a_twin_goes_on_inside_a_cycle_with_the_bits_of_an_undisturbed_one(graph
     again = n // 2 - 10 if death == "kill" else 0
     database = tmp_path / "killed.sqlite"
     summaries = graph.record(f"{NS}/twin/cycle", CycleSummary)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
     said = {ns: graph.record(f"{ns}/twin/prediction", Prediction) for ns in (NS, "/press/ref")}
 
     def predicted(ns: str, sample: int) -> None:
@@ -239,6 +247,7 @@ def test_a_twin_goes_on_inside_a_cycle_with_the_bits_of_an_undisturbed_one(graph
         snapshot = tmp_path / "killed.sqlite-twin.press.v1"
         graph.spin_until(lambda: holds(snapshot, 2, data.stamps[until - 1]), 120.0, "a snapshot")
     else:
+        graph.spin_until(lambda: received(diagnostics) == [until] * 3, what="every sample")
         assert life.twin.end() == 0
     life.kill()
     life = Life(graph, NS, database)

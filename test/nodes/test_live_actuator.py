@@ -62,7 +62,9 @@ def _live(graph, folder, file) -> Run:
     graph.be_heard(f"{NAME}/twin")
     live = {"rate": 1.0, "stop_after_cycles": CYCLES + 1, "wait_for_subscribers": 2}
     graph.start("simulated_valve", NAME, given, **live)
-    graph.spin_until(lambda: len(run.estimates) >= CYCLES, 120.0, "the estimates")
+    graph.spin_until(
+        lambda: sum(e.used_by_trend for e in run.estimates) >= CYCLES, 120.0, "the estimates"
+    )
     graph.spin_until(lambda: run.trend and run.trend[-1].samples >= CYCLES, 120.0, "the trend")
     total = (CYCLES + 1) * SAMPLES
     graph.spin_until(lambda: _count(run.inputs["position"]) >= total, 120.0, "all positions")

@@ -40,7 +40,7 @@ def replay(graph, *arguments):
 def test_every_message_comes_back_and_the_command_ends(graph, bag):
     found = graph.record(f"/replay{TOPIC}", Float64Stamped)
     process = replay(graph, bag, "--rate", "0", *ATTENDED)
-    graph.spin_until(lambda: process.poll() is not None, 40.0, "end of the replay")
+    graph.spin_until(lambda: process.poll() is not None, 120.0, "end of the replay")
     _, told = process.communicate()
     assert process.returncode == 0, told
     graph.spin_until(lambda: len(found) == 200, what="200 messages")
@@ -64,11 +64,12 @@ def test_the_options_of_ros2_bag_play_are_understood(graph, bag):
         *("-m", f"{TOPIC}:=/other", "--wait-for-all-acked", "2000", *ATTENDED),
         *("--start-offset", "3", "--playback-until-nsec", str(START_NS + 110 * 30_000_000)),
     )
-    graph.spin_until(lambda: process.poll() is not None, 40.0, "end of the replay")
+    graph.spin_until(lambda: process.poll() is not None, 120.0, "end of the replay")
     _, told = process.communicate()
     assert process.returncode == 0, told
     graph.spin_until(lambda: len(found) == 11, what="11 messages")
     np.testing.assert_array_equal([m.value for m in found], np.arange(100, 111) / 8)
+    graph.spin_until(lambda: clock, what="the clock")
     assert from_time(clock[0].clock) == START_NS + 3 * 10**9
 
 
@@ -85,7 +86,7 @@ def test_a_wrong_option_is_told_in_one_line(graph, bag, wrong):
 def test_a_player_that_loops_ends_on_a_signal(graph, bag):
     found = graph.record(f"/replay{TOPIC}", Float64Stamped)
     process = replay(graph, bag, "--rate", "0", "--loop", *ATTENDED)
-    graph.spin_until(lambda: len(found) > 400, 40.0, "the third round")
+    graph.spin_until(lambda: len(found) > 400, 120.0, "the third round")
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=120)
     assert process.returncode == 0

@@ -77,7 +77,8 @@ def _run(graph, folder: Path) -> Run:
         120.0,
         "relay and twin",
     )
-    graph.spin(1.0)  # both sides of every match know of it
+    graph.wait_log(relay, "met")  # both sides of every match know of it
+    graph.be_heard("/press/twin")
     wanted = (CYCLES + 1) * feeder.cycle_samples
     for first in range(0, wanted, AT_ONCE):
         feeder.feed(min(AT_ONCE, wanted - first))
@@ -87,11 +88,10 @@ def _run(graph, folder: Path) -> Run:
     def by_cycle(valve: str) -> dict[int, Any]:
         return {m.cycle: m for m in found[valve] if m.estimator == TREND_ESTIMATOR}
 
-    graph.spin_until(lambda: len(by_cycle(CLEAN)) == CYCLES, 90.0, "the clean estimates")
-    graph.spin_until(lambda: len(by_cycle(LOSSY)) >= CYCLES, 90.0, "the lossy estimates")
+    graph.spin_until(lambda: len(by_cycle(CLEAN)) == CYCLES, 120.0, "the clean estimates")
+    graph.spin_until(lambda: len(by_cycle(LOSSY)) >= CYCLES, 120.0, "the lossy estimates")
     last = START_NS + (feeder.sent - 20) * feeder.period_ns
     graph.spin_until(lambda: stamps_of(predictions[-1:])[0] > last, 120.0, "the last samples")
-    graph.spin(1.0)
     assert relay.end() == 0
     seen = len(diagnostics)
     graph.spin_until(lambda: len(diagnostics) > seen + 2, what="diagnostics")
