@@ -238,6 +238,7 @@ def test_the_twin_ends_in_time_while_the_database_is_locked(graph, database):
     with closing(lock(database)):
         plant.feeder.feed(plant.feeder.cycle_samples)
         graph.spin_until(lambda: len(plant.summaries) == 2, 120.0, "the summary of cycle 2")
+        graph.spin_until(lambda: int(plant.figure("cycles unsaved")) == 1, what="it to be stored")
         code, took_s = plant.twin.end_in_s()
     assert code == 0
     assert took_s < 2.0

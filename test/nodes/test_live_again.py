@@ -66,7 +66,7 @@ def live_again(graph, kills: int, seed: int, rate: float = 1.0) -> list[Return]:
     url = f"sqlite:///{graph.folder}/history.sqlite"
     given = {"history_url": url, "topic_prefix": "/sim", "use_sim_time": True, **REARM}
     twin = graph.start("twin", fresh=True, **given)
-    graph.spin_until(lambda: len(sent_ns) > 100, timeout=30, what="predictions")
+    graph.spin_until(lambda: len(sent_ns) > 100, what="predictions")
     for _ in range(kills):
         graph.spin(rng.uniform(1.0, 4.0))
         killed_ns = time.time_ns()
