@@ -8,7 +8,6 @@ import json
 import re
 import shutil
 import signal
-import socket
 import sqlite3
 import subprocess
 import sys
@@ -23,6 +22,7 @@ import numpy as np
 import pytest
 
 from test.io.history.test_fleet import estimate, record
+from test.ports import free_port
 from valve_twin.cli import main
 from valve_twin.gateway.page.answers import HEADERS
 from valve_twin.io.history.store import History
@@ -99,26 +99,29 @@ class Server:
 
 FAILS_LATE = """
 import sys, time
+from pathlib import Path
 from valve_twin.cli import main
 from valve_twin.gateway import plant
 from valve_twin.io.errors import StoreError
 
 def marks(_):
-    time.sleep(3.0)
+    while not Path(sys.argv[1]).exists():
+        time.sleep(0.05)
     raise StoreError("the database does not answer")
 
 plant.LATE_S, plant.History.marks = 0.1, marks
-sys.exit(main(sys.argv[1:]))
+sys.exit(main(["serve", "--port", "0", *sys.argv[2:]]))
 """
 
 
 def test_a_first_reading_that_fails_once_the_pages_are_served_is_told(tmp_path):
     """The page alone said so, and whoever had started it read that all is well."""
-    path = tmp_path / "history.sqlite"
+    path, go_on = tmp_path / "history.sqlite", tmp_path / "go_on"
     store(path, "/v", range(1, 3), 0.0)
-    server = Server(path, program=("-c", FAILS_LATE, "serve", "--port", "0"))
+    server = Server(path, program=("-c", FAILS_LATE, str(go_on)))
     try:
         assert "valves still to be assessed" in server.begun
+        go_on.touch()
         wait_for(lambda: "the database does not answer; waiting" in server.said())
         assert server.end() == 0
     finally:
@@ -302,9 +305,7 @@ def test_prometheus_answers_every_query_of_the_dashboard(server, tmp_path):
     program = shutil.which("prometheus")
     if program is None:
         pytest.skip("prometheus is not on this machine: sudo apt install prometheus")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     target = server.address.removeprefix("http://")
     job = {"job_name": "valves", "static_configs": [{"targets": [target]}]}
     config = {"global": {"scrape_interval": "1s"}, "scrape_configs": [job]}

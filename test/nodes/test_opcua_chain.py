@@ -21,11 +21,12 @@ from valve_twin_msgs.msg import CycleSummary, Estimate
 
 pytest.importorskip("asyncua", reason="needs the extra gateway")
 
-from test.gateway.opcua.test_server import Follower, Server, free_port
+from test.gateway.opcua.test_server import Follower, Server
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM
 from test.nodes.opcua_source.plc import Plc
 from test.nodes.test_kill import LATCHED, check_numbers, check_stored
+from test.ports import free_port
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.errors import StoreError

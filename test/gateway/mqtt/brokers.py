@@ -20,6 +20,8 @@ import yaml
 from paho.mqtt.client import Client
 from pysparkplug import DBirth, DData, DDeath, NBirth, NData, NDeath
 
+from test.ports import free_port
+
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
@@ -37,13 +39,6 @@ LIMIT_S = 60.0
 USER, PASSWORD = "anna", "right"
 SBIN = "/usr/sbin"
 """Where Debian has mosquitto, outside the path of a user."""
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def wait_until(found: Callable[[], object], what: str) -> None:

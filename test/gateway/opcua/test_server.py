@@ -32,6 +32,7 @@ from asyncua.client.ua_client import UaClient
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from test.gateway.test_web import HOSTILE, store
+from test.ports import free_port
 from valve_twin.cli import main
 from valve_twin.core.operation.stroke_due import stroke_event
 from valve_twin.core.operation.stroke_test import StrokeTest, StrokeVerdict
@@ -675,12 +676,6 @@ def outlive(folder, kills: int, chance: random.Random) -> tuple[list[float], lis
         assert [c.cycle for c in history.cycles("/v")] == list(range(1, cycle + 1))
         assert [e.cycle for e in history.estimates("/v")] == list(range(1, cycle + 1))
     return gone_s, imports_s
-
-
-def free_port() -> int:
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return int(found.getsockname()[1])
 
 
 def refusal(path, *more: str) -> tuple[int, str]:

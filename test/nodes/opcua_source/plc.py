@@ -9,7 +9,9 @@ PUBLISHING_MS at most; 0 = as asyncua does. What a tag holds at first is stamped
 NAMESPACES are names with commas between them: each gets an index and a tag0 that holds it.
 
 A line of JSON from stdin is a write of many samples: columns by tag, start and period [ns], pace
-[samples/s] (0 = as fast as it can), status. It answers with a line when it is done.
+[samples/s] (0 = as fast as it can), status. It answers with a line when it is done. With a pace
+`by_publishing` time passes as the server sends: so many samples stand between two publishings,
+however late those are.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import sys
 import time
 from contextlib import suppress
 from datetime import datetime, timedelta, timezone
+from typing import Any
 
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
@@ -37,10 +40,11 @@ async def serve(
 
     server = Server()
     await server.init()
+    sent = Sent()
     if queue:
         server.iserver.max_monitored_item_queue_size = queue
     if publishing_ms:
-        revise(server.iserver.subscription_service, publishing_ms)
+        revise(server.iserver.subscription_service, publishing_ms, sent)
     server.set_endpoint(f"opc.tcp://127.0.0.1:{port}")
     server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
     for tag in range(tags):
@@ -52,21 +56,44 @@ async def serve(
         await server.nodes.objects.add_variable(ua.NodeId("tag0", index), name, float(index))
     if first_ns:
         first = {str(tag): [0.0] for tag in range(tags)}
-        await write(server, {"columns": first, "start_ns": first_ns, "period_ns": 0})
+        await write(server, {"columns": first, "start_ns": first_ns, "period_ns": 0}, sent)
     async with server:
         say("ready")
         while line := await asyncio.to_thread(sys.stdin.readline):
-            await write(server, json.loads(line))
+            await write(server, json.loads(line), sent)
             say("done")
 
 
-def revise(service, least_ms: float) -> None:
+class Sent:
+    """Time as it passes for a subscription: an interval with each publishing that left [s]."""
+
+    passed_s = 0.0
+    data: Any = None
+
+    @property
+    def interval_s(self) -> float:
+        return self.data.RevisedPublishingInterval / 1e3
+
+    def follow(self, subscription) -> None:
+        """Count what leaves from now on."""
+        self.data, pop = subscription.data, subscription._pop_publish_result
+
+        def popped():
+            self.passed_s += self.interval_s
+            return pop()
+
+        subscription._pop_publish_result = popped
+
+
+def revise(service, least_ms: float, sent: Sent) -> None:
     """Let publishing be no faster than this, and be changed: asyncua ignores such a request."""
     create, modify = service.create_subscription, service.modify_subscription
 
     async def created(params, *given, **named):
         params.RequestedPublishingInterval = max(params.RequestedPublishingInterval, least_ms)
-        return await create(params, *given, **named)
+        result = await create(params, *given, **named)
+        sent.follow(service.subscriptions[result.SubscriptionId])
+        return result
 
     def modified(params):
         found = service.subscriptions[params.SubscriptionId]
@@ -78,12 +105,13 @@ def revise(service, least_ms: float) -> None:
     service.create_subscription, service.modify_subscription = created, modified
 
 
-async def write(server, order) -> None:
+async def write(server, order, sent: Sent) -> None:
     from asyncua import ua
 
     status = ua.StatusCode(order.get("status", 0))
     columns, pace = order["columns"], order.get("pace", 0.0)
-    begun = time.perf_counter()
+    by_publishing = order.get("by_publishing", False)
+    begun, before_s = time.perf_counter(), sent.passed_s
     for i in range(len(next(iter(columns.values())))):
         stamp = EPOCH + timedelta(
             microseconds=(order["start_ns"] + i * order["period_ns"]) // 1000
@@ -91,6 +119,8 @@ async def write(server, order) -> None:
         for tag, values in columns.items():
             value = ua.DataValue(ua.Variant(values[i], ua.VariantType.Double), status, stamp)
             await server.write_attribute_value(ua.NodeId(f"tag{tag}", 1), value)
+        while by_publishing and i / pace >= sent.passed_s - before_s + sent.interval_s:
+            await asyncio.sleep(0.005)
         ahead_s = i / pace - (time.perf_counter() - begun) if pace else 0.0
         await asyncio.sleep(max(ahead_s, 0.0) if pace or i % 20 == 0 else 0.0)
 

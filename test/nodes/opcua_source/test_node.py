@@ -16,13 +16,16 @@ pytest.importorskip("asyncua", reason="needs the extra gateway")
 
 from test.nodes.conftest import DEEP, NS
 from test.nodes.opcua_source.plc import Plc
-from test.nodes.opcua_source.test_subscription import BAD_SENSOR, LATER_NS, MS, START_NS, free_port
+from test.nodes.opcua_source.test_subscription import BAD_SENSOR, LATER_NS, MS, START_NS
+from test.ports import free_port
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.history.store import History
 from valve_twin.nodes.opcua_source.node import OpcuaSourceNode
 from valve_twin.nodes.runtime.stamps import from_time
 from valve_twin.report.language.words import sentence, words
+
+pytestmark = pytest.mark.usefixtures("patience")
 
 TOPIC = f"/plc{NS}/position"
 HOUR_NS = 3600 * 10**9

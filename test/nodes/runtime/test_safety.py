@@ -37,10 +37,12 @@ def bag(tmp_path):
 
 
 def settled(graph, node, topic: str, kind: str) -> None:
-    count = node.count_publishers if kind == "publisher" else node.count_subscribers
-    strangers = {s.get_name() for s in graph.strangers}
+    """Wait until a node knows of each stranger by its name that it has the topic."""
+    publishers, takers = node.get_publishers_info_by_topic, node.get_subscriptions_info_by_topic
+    ends = publishers if kind == "publisher" else takers
+    wanted = {s.get_name() for s in graph.strangers} or {graph.node.get_name()}
     graph.spin_until(
-        lambda: count(topic) and strangers <= set(node.get_node_names()),
+        lambda: wanted <= {end.node_name for end in ends(topic)},
         what=f"{kind} of {topic} in sight",
     )
 
