@@ -72,7 +72,7 @@ class Sent:
 
     @property
     def interval_s(self) -> float:
-        return self.data.RevisedPublishingInterval / 1e3
+        return float(self.data.RevisedPublishingInterval) / 1e3
 
     def follow(self, subscription) -> None:
         """Count what leaves from now on."""
