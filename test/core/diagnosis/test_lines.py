@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from valve_twin.core.diagnosis import lines
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.lines import (
     fit_changes,
@@ -102,3 +103,10 @@ def test_a_fault_that_shows_more_or_less_from_cycle_to_cycle_stays_that_fault():
     varied = fit_changes(shown, rays, 0.0, limits, unlike=0.0, varies=0.25)[index]
     assert varied[1] == pytest.approx(1.0) == steady[1]  # the mean is what it was
     assert varied[0] > steady[0]
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 8, 31, 32])
+def test_quantiles_of_rising_rows_are_those_of_numpy(count):
+    rows = np.sort(np.random.default_rng(count).standard_normal((count, 3)), axis=0)
+    for share in (0.5, 0.9):
+        assert lines._of_rising(rows, share) == pytest.approx(np.quantile(rows, share, axis=0))

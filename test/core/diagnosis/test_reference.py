@@ -7,8 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from valve_twin.core.diagnosis import reference
+from valve_twin.core.diagnosis.changes.jumps import BEYOND
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.detection import detect
+from valve_twin.core.diagnosis.lines import filled, rays_of_steps
 from valve_twin.core.diagnosis.reference import doubt_of, doubt_of_noise, doubt_of_step
 from valve_twin.core.valves.press_cartridge import MODEL
 
@@ -207,3 +210,59 @@ def test_what_changed_while_a_fault_was_found_is_no_step_of_one_cycle():
         ("no reference: cycles 1 to 27", "no reference: cycles 1 to 28")
     )
     assert step_told(vectors, np.r_[0:21, 28:48]) == ""
+
+
+def plainly_stepped(vectors, apart):
+    """Return what `_stepped` does, step by step and signature by signature."""
+    rays = rays_of_steps([vectors], TABLE, DetectionConfig())
+    shown = rays.along(rays.whitened(filled(vectors, DetectionConfig().least)))
+    count, best = len(shown), (reference._STEP_ALONE, 0)
+    time = np.arange(count) / count
+    jumps = {
+        k: np.median(shown[k : k + 3], axis=0) - np.median(shown[k - 3 : k], axis=0)
+        for k in range(3, count - 2)
+    }
+    for k in jumps:
+        if any(abs(k - row) < 3 for row in apart):
+            continue
+        for s, along in enumerate(shown.T):
+            gap = along[k:].mean() - along[:k].mean()
+            jump, way = jumps[k][s] * np.sign(gap), np.sign(gap)
+            others = [abs(jumps[j][s]) for j in jumps if abs(j - k) >= 3]
+            if jump <= max(reference._SUDDEN * abs(gap), BEYOND * max(others)):
+                continue
+            off = []
+            for degree in (1, 2):
+                step = (np.arange(count) >= k) - np.polyval(
+                    np.polyfit(time, np.arange(count) >= k, degree), time
+                )
+                off.append(way * float(step @ along) / np.linalg.norm(step))
+            both = off[0] > reference._OFF_AGING[0] and off[1] > reference._OFF_AGING[1]
+            far = abs(gap) * (k * (count - k) / count) ** 0.5
+            if (off[1] > reference._OFF_BENT or both) and far > best[0]:
+                best = far, k
+    return best[1]
+
+
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(n, marks=pytest.mark.no_cover) for n in range(4, 24))]
+)
+def test_all_steps_at_a_time_are_those_one_by_one(seed):
+    vectors = healthy(14 + 3 * seed % 35, seed)
+    name = ("sensor_offset", "leak", "preload", "dead_band")[seed % 4]
+    vectors[7 + seed % 5 :] += (seed % 3) * change_of(name, 1)
+    apart = (seed,) if seed % 2 else ()
+    found = reference._stepped(vectors, TABLE, DetectionConfig(), apart)
+    assert found == plainly_stepped(vectors, apart)
+
+
+def test_some_of_these_hold_a_step():
+    vectors = healthy(30, 2)
+    vectors[9:] += 2.0 * change_of("preload", 1)
+    assert reference._stepped(vectors, TABLE, DetectionConfig(), ()) == 9
+    assert plainly_stepped(vectors, ()) == 9
+    assert (
+        reference._stepped(vectors, TABLE, DetectionConfig(), (10,))
+        == plainly_stepped(vectors, (10,))
+        != 9
+    )

@@ -10,6 +10,7 @@ alarm, which few cycles must show: all of them on either side of a step show it 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -262,36 +263,39 @@ def _stepped(
     rays = rays_of_steps([vectors], table, config)
     shown = rays.along(rays.whitened(filled(vectors, config.least)))
     count = len(shown)
-    total = np.concatenate((np.zeros((1, shown.shape[1])), np.cumsum(shown, axis=0)))
-    at = np.arange(_BESIDE, count - _BESIDE + 1)
-    middle = np.median([shown[k : count - _BESIDE + 1 + k] for k in range(_BESIDE)], axis=0)
+    at = _parted(count)
+    total, k = np.cumsum(shown, axis=0), at[:, None]
+    gap = (total[-1] - total[at - 1]) / (count - k) - total[at - 1] / k
+    one, two, three = (shown[j : count - _BESIDE + 1 + j] for j in range(_BESIDE))
+    middle = np.maximum(np.minimum(one, two), np.minimum(np.maximum(one, two), three))
     jump = middle[at] - middle[at - _BESIDE]  # medians: one outlier is no step
-    largest, first = _STEP_ALONE, 0
-    for i, k in enumerate(at.tolist()):
-        if any(abs(k - row) < _BESIDE for row in apart):
-            continue
-        gap = (total[-1] - total[k]) / (count - k) - total[k] / k
-        other = np.abs(jump[np.abs(at - k) >= _BESIDE]).max(axis=0, initial=0.0)
-        sure = jump[i] * np.sign(gap) > np.maximum(_SUDDEN * np.abs(gap), BEYOND * other)
-        straight, bent = _off_aging(shown, k) * np.sign(gap)
-        both = (straight > _OFF_AGING[0]) & (bent > _OFF_AGING[1])
-        sure &= (bent > _OFF_BENT) | both
-        far = float(np.where(sure, np.abs(gap), 0.0).max()) * (k * (count - k) / count) ** 0.5
-        if far > largest:
-            largest, first = far, k
-    return first
+    apart_from = np.abs(k - at) >= _BESIDE
+    other = np.where(apart_from[:, :, None], np.abs(jump), 0.0).max(axis=1)
+    sure = jump * np.sign(gap) > np.maximum(_SUDDEN * np.abs(gap), BEYOND * other)
+    straight, bent = _off_aging(count) @ shown * np.sign(gap)
+    sure &= (bent > _OFF_BENT) | ((straight > _OFF_AGING[0]) & (bent > _OFF_AGING[1]))
+    sure &= (np.abs(k - np.array(apart)) >= _BESIDE).all(axis=1)[:, None]
+    far = np.where(sure, np.abs(gap), 0.0).max(axis=1) * (at * (count - at) / count) ** 0.5
+    first = int(np.argmax(far))
+    return int(at[first]) if far[first] > _STEP_ALONE else 0
 
 
-def _off_aging(shown: FloatArray, first: int) -> FloatArray:
-    """Return the step behind the first of (N, S) cycles off line and parabola of all, (2, S) [1].
+def _parted(count: int) -> IntArray:
+    """Return how many of some cycles may lie before a step, (K,)."""
+    return np.arange(_BESIDE, count - _BESIDE + 1)
 
-    Aging may bend.
+
+@lru_cache(maxsize=64)
+def _off_aging(count: int) -> FloatArray:
+    """Return what (count, S) cycles are times, to tell steps off line and parabola, (2, K, count).
+
+    Aging may bend. The K steps are those of `_parted`, the size of each is in deviations.
     """
-    t = np.linspace(-1.0, 1.0, len(shown))
+    t = np.linspace(-1.0, 1.0, count)
     bent, _ = np.linalg.qr(np.column_stack((np.ones_like(t), t, t**2)))
-    step = np.asarray(np.arange(len(t)) >= first, np.float64)
-    off = np.stack([step - law @ (law.T @ step) for law in (bent[:, :2], bent)])
-    return np.asarray(off @ shown / np.linalg.norm(off, axis=1)[:, None])
+    steps = np.asarray(np.arange(count) >= _parted(count)[:, None], np.float64)
+    off = np.stack([steps - steps @ law @ law.T for law in (bent[:, :2], bent)])
+    return np.asarray(off / np.linalg.norm(off, axis=2)[:, :, None])
 
 
 def _is_steady(

@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -224,15 +225,15 @@ class SignatureTable:
         quiet : float
             Share of what sampling alone does on the simulated valve that counts [1].
         """
-        return np.maximum(self.floor, quiet * np.sqrt(np.diag(self.covariance)))
+        return np.maximum(self.floor, quiet * _arrays(self).deviation)
 
     def changes(self) -> FloatArray:
-        """Return the changes of all signatures, (S, F)."""
-        return np.array([s.change for s in self.signatures])
+        """Return the changes of all signatures, (S, F), not to be changed."""
+        return _arrays(self).changes
 
     def scatters(self) -> FloatArray:
-        """Return the scatter of all signatures, (S, F)."""
-        return np.array([s.scatter for s in self.signatures])
+        """Return the scatter of all signatures, (S, F), not to be changed."""
+        return _arrays(self).scatters
 
     def on_levels(self, own: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return changes and scatters (S, F) of a valve whose features are at levels (F,)."""
@@ -249,6 +250,27 @@ class SignatureTable:
         share = more * np.exp(2.0 * changes) / (1.0 + added)
         found = np.where(summed, 0.5 * np.log1p(added), changes)
         return found, np.where(summed, share * scatters, scatters)
+
+
+class _Arrays(NamedTuple):
+    """Changes and scatters of all signatures, (S, F), and deviations of all features, (F,)."""
+
+    changes: FloatArray
+    scatters: FloatArray
+    deviation: FloatArray
+
+
+@lru_cache(maxsize=256)
+def _arrays(table: SignatureTable) -> _Arrays:
+    """Return what every cycle of every valve is judged by, made of tuples once."""
+    found = _Arrays(
+        np.array([s.change for s in table.signatures]),
+        np.array([s.scatter for s in table.signatures]),
+        np.sqrt(np.diag(table.covariance)),
+    )
+    for array in found:
+        array.flags.writeable = False
+    return found
 
 
 def whitener(covariance: FloatArray) -> FloatArray:

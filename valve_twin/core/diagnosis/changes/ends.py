@@ -95,20 +95,24 @@ def jumped_back(w: FloatArray, onset: int, alarm: int, config: DetectionConfig) 
     last = min(alarm + config.extrapolate, len(w) - config.heal)
     before = w[max(onset - _LAST, 0) : onset].mean(axis=0)
     for row in range(max(alarm, onset + _LEAST_SINCE) + 1, last + 1):
-        between = w[onset + 1 : row] - before
-        since = between[:_LAST]
+        since = w[onset + 1 : row][:_LAST] - before
         way = since.mean(axis=0)
         far = float(np.linalg.norm(way))
-        if far < _FAR or np.mean(between @ way > 0.5 * far**2) < _BETWEEN:
+        if far < _FAR:
             continue
         lately = w[row - _LAST : row]
-        each = w[row : row + config.heal] - lately.mean(axis=0)
+        middle = lately.mean(axis=0)
+        each = w[row : row + config.heal] - middle
         along = each @ way / far**2  # -1 = back by as much
-        outlier = (lately.mean(axis=0) - np.median(lately, axis=0)) @ way / far**2  # one is no end
+        if along.max() >= -0.5 or along.mean() >= _NEAR - 1.0:  # as in nearly all rows
+            continue
+        between = (w[onset + 1 : row] - before) @ way > 0.5 * far**2
+        outlier = (middle - np.median(lately, axis=0)) @ way / far**2  # one is no end
         left = each.mean(axis=0) + way
         chance = w.shape[1] * (2.0 / _LAST + 1.0 / len(since) + 1.0 / config.heal)
         like = float(left @ left) < (_BESIDE * far) ** 2 + 2.0 * chance
-        if like and along.max() + max(outlier, 0.0) < -0.5 and along.mean() < _NEAR - 1.0:
+        like &= bool(between.mean() >= _BETWEEN)
+        if like and along.max() + max(outlier, 0.0) < -0.5:
             return row + config.heal - 1
     return -1
 

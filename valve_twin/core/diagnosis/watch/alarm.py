@@ -84,11 +84,11 @@ class Watch:
         return None
 
     def _alarm(self, seen: Whitened, first: int, last: int) -> Alarm | None:
-        """Return that of the rows before `last`."""
-        w, base, rays = (*(rows[:last] for rows in seen.view[:2]), seen.rays)
-        config = self._config
+        """Return that of the rows before `last`; where it is found, no row behind is judged."""
+        rays, config = seen.rays, self._config
         best: tuple[int, float, int] | None = None
         made: FloatArray | None = None
+        since = max(self._next - config.recent - config.window - 2 * BESIDE, 0)
         least = float(np.sqrt(config.threshold))
         wide = np.empty((2, max(last - self._next, 0), len(rays.rays)))
         for m, squares in zip(self._lengths, self._squares, strict=True):
@@ -105,9 +105,9 @@ class Watch:
             if not len(far):
                 continue
             if made is None:
-                made = jumps_made(rays.along(base), config.window)
-            shown = shown[far] & _lasts(seen, config, end[far], m, made)
-            measured = seen.measured
+                made = jumps_made(rays.along(seen.view[1][since:last]), config.window)
+                measured = seen.measured
+            shown = shown[far] & _lasts(seen, config, end[far], m, made[end[far] - m + 1 - since])
             for k in np.flatnonzero(shown.any(axis=1)):
                 much = wandered(measured, int(end[far[k]]) - m + 1, config)
                 shown[k] &= ratio[far[k]] > much * least * stray[far[k]]
@@ -118,7 +118,8 @@ class Watch:
             row = int(end[far[hits[0]]])
             if best is None or (row, -score) < (best[0], -best[1]):
                 best = (row, score, m)
-        alone = self._alone.first(w, seen.past, rays, first=first)
+            last = best[0] + 1
+        alone = self._alone.first(seen.view[0][:last], seen.past, rays, first=first)
         self._next = last
         if alone >= 0 and (best is None or alone < best[0]):
             return alone, alone
@@ -157,8 +158,8 @@ def _lasts(
         Last rows of the changes.
     m : int
         Cycles that show each [1].
-    made : (N, S) array
-        Largest jumps made before each row, see `jumps_made` [standard deviations].
+    made : (K, S) array
+        Largest jumps made before each, see `jumps_made` [standard deviations].
     """
     w, base, rays = seen.view
     begun = end - m + 1
@@ -167,7 +168,7 @@ def _lasts(
     mean = (seen.total[end + 1] - seen.total[begun]) / m - line
     off = ABRUPT * rays.along(mean)
     jump = rays.along(_jumps(w, base, begun, m))
-    shown = (jump > off) & (jump > BEYOND * made[begun])
+    shown = (jump > off) & (jump > BEYOND * made)
     young = lines.count < config.settled
     shown &= ~young[:, None] | (rays.along(mean + line - lines.level) > off)
     cycles, share, scatter = np.empty((3, m, *shown.shape))
@@ -304,9 +305,8 @@ class Seen:
             if end > config.young:
                 self.alarm = _early_alarm(vectors[:end], self._table, config)
             known, scale = known_by(end, config), config
-            if self.alarm is None:
-                self.alarm = self._beyond(end - 1, end)
-                known = self.alarm[1] if self.alarm else known
+            if self.alarm is None and (beyond := self._beyond(end - 1, end)) is not None:
+                self.alarm, known = beyond, beyond[1]
                 scale = replace(config, learn=known)  # what is named needs no doubt of few cycles
             if self.alarm is not None:
                 self._whole = Whitened(vectors, known, self._table, scale)
