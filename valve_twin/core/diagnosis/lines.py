@@ -52,16 +52,22 @@ _MOST = 1e100
 
 @dataclass(frozen=True, slots=True)
 class Rays:
-    """Whitened signatures: `white` (F, F), `changes` and unit `rays` (S, F), `spread` (S, F, F).
+    """Whitened signatures: `white` (F, F), `changes` and unit `rays` (S, F).
 
     A further ray is that of a noisier sensor, which no signature stands for.
-    `spread` is the covariance by which the fault adds to the scatter of a cycle.
+    `scatters` (S, F) are the deviations by which faults add to the scatter of a cycle, not
+    whitened.
     """
 
     white: FloatArray
     changes: FloatArray
     rays: FloatArray
-    spread: FloatArray
+    scatters: FloatArray
+
+    def spread(self) -> FloatArray:
+        """Return the whitened covariances of these scatters, (S, F, F)."""
+        root = self.white * self.scatters[:, None, :]
+        return root @ root.transpose(0, 2, 1)
 
     def whitened(self, rows: FloatArray) -> FloatArray:
         """Return (N, F) features in standard deviations."""
@@ -206,12 +212,11 @@ def _rays(
     absent |= constant
     changes = np.where(absent, 0.0, shapes[0]) @ white.T
     length = np.maximum(np.linalg.norm(changes, axis=1), 1e-12)
-    root = white[None] * np.where(absent, 0.0, shapes[1])[:, None, :]
     rays = changes / length[:, None]
     if NOISE in table.features and not absent[table.features.index(NOISE)]:
         louder = white[:, table.features.index(NOISE)]
         rays = np.vstack((rays, louder / np.linalg.norm(louder)))
-    return Rays(white, changes, rays, root @ root.transpose(0, 2, 1))
+    return Rays(white, changes, rays, np.where(absent, 0.0, shapes[1]))
 
 
 def _of_rising(rows: FloatArray, share: float) -> FloatArray:
@@ -261,7 +266,7 @@ def fit_changes(
     number = len(limits)
     changes, count, mean = rays.changes[:number], len(off), off.mean(axis=0)
     one = np.eye(changes.shape[1])
-    covariance = (1.0 + line) * one + rays.spread[:number]
+    covariance = (1.0 + line) * one + rays.spread()[:number]
     own = covariance / count + unlike * one  # of the mean
     solved = np.linalg.solve(own, changes[:, :, None])[:, :, 0]
     sizes = [
