@@ -134,6 +134,19 @@ def test_a_sample_more_or_less_is_no_other_program():
     assert with_returns(one, begins).tolist() == [0] * 20
 
 
+def test_how_long_a_sample_is_the_cycles_tell():
+    """At 10 Hz a return that was logged a sample later was another product."""
+    one, slow, fast = np.zeros(20, dtype=np.int64), np.full(20, 0.1), np.full(20, 1e-3)
+    later = 3.0 + 0.1 * (np.arange(20) % 2)
+    assert set(with_returns(one, later).tolist()) == {0, 1}  # none tells it
+    assert set(with_returns(one, later, slow).tolist()) == {0}
+    near = 3.0 + 0.04 * (np.arange(20) % 2)
+    assert set(with_returns(one, near).tolist()) == {0}
+    assert set(with_returns(one, near, fast).tolist()) == {0, 1}
+    slow[4] = np.nan  # not all tell it: what is usual
+    assert set(with_returns(one, later, slow).tolist()) == {0, 1}
+
+
 def test_times_of_return_leave_alone_what_they_do_not_tell():
     product = np.array([-1] + [0] * 9 + [1] * 10)
     jitter = np.full(20, 8.0)

@@ -146,6 +146,8 @@ def kill_and_restart(graph, folder, kills, keep):
         files = max(files, len(list(folder.rglob("*.mcap"))))
     stamps, spans = [], []
     for bag in sorted(folder.iterdir(), key=lambda p: (len(p.name), p.name)):
+        if not any(bag.glob("*.mcap")):
+            continue  # killed before it had a message: a busy machine gave it no core
         whole = folder.parent / f"{bag.name}_recovered"
         recover(bag, whole)
         info = bag_info(whole)

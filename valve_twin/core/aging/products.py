@@ -18,7 +18,7 @@ import numpy as np
 from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.aging.series import Series, cut, events_at, lines_of, part_of, systematic_of
 from valve_twin.core.aging.trend import MAX_FACTOR
-from valve_twin.core.diagnosis.features import RETURNS
+from valve_twin.core.diagnosis.features import PERIOD, RETURNS
 from valve_twin.core.diagnosis.products import products, with_returns
 from valve_twin.core.estimation.data.robust import MAD_SCALE
 
@@ -118,10 +118,13 @@ def same_product(
     return replace(series, values=cleared, offsets=offsets, systematic=wrong), what
 
 
-def _returns_of(rows: Rows, shown: Rows) -> FloatArray:
-    """Return when the cycle of every estimate returned, (N,), NaN where not known [s]."""
+def _shown_of(rows: Rows, shown: Rows) -> tuple[FloatArray, FloatArray]:
+    """Return when each estimate's cycle returned and its period, NaN where not known [s]."""
     at = shown.at(rows.cycle, rows.end_ns)
-    return np.where(at < 0, np.nan, shown.usable(RETURNS)[at])
+    returns_s, period_s = (
+        np.where(at < 0, np.nan, shown.usable(n)[at]) for n in (RETURNS, PERIOD)
+    )
+    return returns_s, period_s
 
 
 def product_numbers(rows: Rows, shown: Rows | None = None) -> IntArray:
@@ -138,7 +141,7 @@ def product_numbers(rows: Rows, shown: Rows | None = None) -> IntArray:
         return np.zeros(0, np.int64)
     found = products(np.asarray((rows.end_ns - rows.start_ns) * 1e-9, np.float64))
     if shown is not None and len(shown):
-        found = with_returns(found, _returns_of(rows, shown))
+        found = with_returns(found, *_shown_of(rows, shown))
     groups = np.flatnonzero(np.bincount(found + 1)[1:])
     if not len(groups):
         return np.zeros(len(rows), np.int64)

@@ -37,6 +37,9 @@ TIMED = (*DELAYS, "shortfall")
 RETURNS = "returns"
 """Name of the number that is the time from the start of a cycle to its return [s]."""
 
+PERIOD = "period"
+"""Name of the number that is the time between the samples of a cycle [s]."""
+
 NEXT_CYCLE = "the next cycle"
 """Name of the check that the model of the cycles before follows a cycle better than its mean."""
 

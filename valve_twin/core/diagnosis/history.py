@@ -18,7 +18,7 @@ from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.direct.unreached import unreached
-from valve_twin.core.diagnosis.features import NOISE, RETURNS
+from valve_twin.core.diagnosis.features import NOISE, PERIOD, RETURNS
 from valve_twin.core.diagnosis.generic.motion import motion_from
 from valve_twin.core.diagnosis.generic.naming import named_by_motion
 from valve_twin.core.diagnosis.generic.programs import with_programs
@@ -184,7 +184,8 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
     searched = partial(detect, restarts=restarts, judged=settled.judged)
     for number, own in _rows_of(product):
         of = known.of(number)
-        steady = of.slips.taken_out(vectors[own], table, behind_a_pause(product, own))
+        pauses, period_s = behind_a_pause(product, own), shown.usable(PERIOD)[own]
+        steady = of.slips.taken_out(vectors[own], table, pauses, period_s)
         part = searched(cycles[own], steady, table, config, memory=of)
         if any_valve and part.findings:
             grown = outgrown(part, cycles[own], steady, table, config, searched).findings
@@ -216,11 +217,10 @@ def search(past: Past, maintenance: Sequence[Maintenance], known: Known | None =
             if first and not any_valve
             else []
         )
-    known_since = slice(since, None)
     if first and not any_valve and not doubt:
-        doubt = doubt_of_noise(cycles[known_since], shown.value(NOISE)[known_since])
+        doubt = doubt_of_noise(cycles[since:], shown.value(NOISE)[since:])
     doubt = doubt or doubt_across(
-        cycles[known_since], vectors[known_since], product[known_since], model.feature_set
+        cycles[since:], vectors[since:], product[since:], model.feature_set
     )
     stopped = settled.stopped and _holds(settled, restarts)
     if stopped:  # until maintenance
@@ -382,7 +382,8 @@ def _holds(settled: Settled, restarts: Sequence[int]) -> bool:
 def products_of(shown: Rows) -> IntArray:
     """Return which product each of some cycles makes, -1 = not known."""
     by_duration = products(np.asarray((shown.end_ns - shown.start_ns) * 1e-9, np.float64))
-    return with_programs(with_returns(by_duration, shown.usable(RETURNS)), shown)
+    told = with_returns(by_duration, shown.usable(RETURNS), shown.usable(PERIOD))
+    return with_programs(told, shown)
 
 
 def _is_slip(finding: Finding, apart: Sequence[int]) -> bool:

@@ -29,9 +29,9 @@ _NEAR, _CLEAR = 0.006, 1.4
 """Relative gap between two products that are nearer than that, which is so many times as wide as
 each of them [1]: a sample more or less of a logger of 40 ms is 0.005 of 8 s."""
 
-_SAMPLES_S = 0.06
-"""Least gap between the times of return of two programs, one and a half samples of a logger of
-40 ms: from when on a command is logged jumps by a sample, assumed [s]."""
+_SAMPLES, _LONGEST_S = 1.5, 0.04
+"""Least gap between the times of return of two programs [samples]: from when on a command is
+logged jumps by a sample. The time between them where no cycle tells it, assumed [s]."""
 
 _FEWEST = 5
 """Fewest cycles of a product."""
@@ -102,7 +102,9 @@ def products(duration_s: FloatArray, least_s: float = 0.0) -> IntArray:
     return _with_near(group, duration_s, least_s)
 
 
-def with_returns(product: IntArray, returns_s: FloatArray) -> IntArray:
+def with_returns(
+    product: IntArray, returns_s: FloatArray, period_s: FloatArray | None = None
+) -> IntArray:
     """Return products, those taken apart whose programs return at clearly different times.
 
     A program that is as long as another one may differ in its parts. When it returns is the
@@ -116,6 +118,8 @@ def with_returns(product: IntArray, returns_s: FloatArray) -> IntArray:
         Time from the start of each to its return [s]. One that shows none (NaN) stays with its
         product; where that is taken apart, those before the first that shows it, of an older
         version or let go of, are a product of their own.
+    period_s : (N,) array, optional
+        Time between the samples of each [s], NaN where it does not tell it.
 
     Returns
     -------
@@ -131,7 +135,10 @@ def with_returns(product: IntArray, returns_s: FloatArray) -> IntArray:
         told = np.flatnonzero(own & known)
         parts = np.zeros(len(told), dtype=np.int64)
         if len(told) >= 2 * _FEWEST:
-            parts = products(returns_s[told], _SAMPLES_S)
+            longest_s = _LONGEST_S
+            if period_s is not None and np.isfinite(period_s[told]).all():
+                longest_s = float(np.max(period_s[told]))
+            parts = products(returns_s[told], _SAMPLES * longest_s)
         found[told] = np.where(parts < 0, -1, last + 1 + parts)
         others = np.flatnonzero(own & ~known)
         if parts.max(initial=0) == 0:  # one program, odd cycles aside

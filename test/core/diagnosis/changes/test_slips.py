@@ -76,3 +76,18 @@ def test_what_is_taken_out_is_the_same_cycle_by_cycle(table):
     otherwise = np.roll(PAUSED, 3)
     anew = grown.taken_out(given, table, otherwise)
     assert np.array_equal(anew, Slips().taken_out(given, table, otherwise))
+
+
+def test_a_sample_is_as_long_as_the_cycles_tell(table):
+    """At 1 kHz a delay of the outflow that jumps by 30 ms alone is a valve that sticks."""
+    late = 0.03 * (CYCLES > 20)
+    given = timed(table, np.zeros(40), late)
+    fast, slow = np.full(40, 1e-3), np.full(40, 0.03)
+    assert np.array_equal(Slips().taken_out(given, table, period_s=fast), given)
+    assert np.ptp(Slips().taken_out(given, table, period_s=slow)) == 0.0
+    short = timed(table, np.zeros(40), 1e-3 * (CYCLES > 20))
+    assert np.ptp(Slips().taken_out(short, table, period_s=fast)) == 0.0
+    paused = timed(table, np.nan, 7e-3 * (CYCLES > 20))  # seven samples, which no pause explains
+    out = Slips().taken_out(paused, table, PAUSED, fast)
+    assert np.array_equal(out, paused, equal_nan=True)
+    assert np.ptp(np.nan_to_num(Slips().taken_out(paused, table, PAUSED, slow))) == 0.0

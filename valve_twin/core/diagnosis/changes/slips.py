@@ -18,8 +18,11 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _RECENT = 8
-_SLIP_S = (0.012, 0.06)
-"""Jumps of a delay that a sample more or less can make, for periods of 20-40 ms, assumed [s]."""
+_SLIP = (0.6, 1.5)
+"""Jumps of a delay that a sample more or less can make, assumed [samples]."""
+
+_PERIODS_S = (0.02, 0.04)
+"""Between which the time between samples lies where a cycle does not tell it, assumed [s]."""
 
 _MOST_SLIPS = 2
 """Slips in `_RECENT` cycles above which a delay scatters, assumed."""
@@ -30,8 +33,8 @@ _UNMOVED = 0.1
 _SHOWN = 3.0
 """Scatters of the cycles before by which a jump behind a pause shows [1]."""
 
-_LEAST_S = 1e-3
-"""Least jump of a delay that a pause explains [s]."""
+_LEAST = 1.0 / 30.0
+"""Least jump of a delay that a pause explains, assumed [samples]."""
 
 
 class Slips:
@@ -45,11 +48,15 @@ class Slips:
 
     def __init__(self) -> None:
         self._given, self._out = np.empty((0, 0)), Growing(0)
-        self._paused = np.zeros(0, dtype=np.bool_)
+        self._paused, self._period_s = np.zeros(0, dtype=np.bool_), np.empty(0)
         self._table: SignatureTable | None = None
 
     def taken_out(
-        self, vectors: FloatArray, table: SignatureTable, paused: BoolArray | None = None
+        self,
+        vectors: FloatArray,
+        table: SignatureTable,
+        paused: BoolArray | None = None,
+        period_s: FloatArray | None = None,
     ) -> FloatArray:
         """Return features whose delays do not jump alone; those of before are not gone through.
 
@@ -61,12 +68,16 @@ class Slips:
             Names of the features.
         paused : (N,) bool array, optional
             Whether a pause lies between a cycle and the one before of its product.
+        period_s : (N,) array, optional
+            Time between the samples of a cycle [s]; NaN where it does not tell it.
         """
         if not set(TIMED) <= set(table.features):
             return vectors
         paused = np.zeros(len(vectors), dtype=np.bool_) if paused is None else paused
+        period_s = np.full(len(vectors), np.nan) if period_s is None else period_s
         same = self._table is table and begins(self._given, vectors)
-        if not same or not begins(self._paused, paused):
+        same = same and begins(self._paused, paused)
+        if not same or not begins(self._period_s, period_s):
             width = len(TIMED)
             self._table, self._out = table, Growing(vectors.shape[1])
             self._timed, self._shift = Growing(width), np.zeros(width)
@@ -75,10 +86,12 @@ class Slips:
         columns = [table.features.index(n) for n in TIMED]
         count = len(self._out)
         self._timed.put(count, vectors[count:, columns])
-        take_out_slips(self._timed.rows, paused, self._shift, self._slips, self._due, count)
+        take_out_slips(
+            self._timed.rows, paused, period_s, self._shift, self._slips, self._due, count
+        )
         self._out.put(count, vectors[count:])
         self._out.rows[count:, columns] = self._timed.rows[count:]
-        self._given, self._paused = vectors, paused
+        self._given, self._paused, self._period_s = vectors, paused, period_s
         return self._out.rows
 
 
@@ -86,6 +99,7 @@ class Slips:
 def take_out_slips(
     timed: FloatArray,
     paused: BoolArray,
+    period_s: FloatArray,
     shift: FloatArray,
     slips: IntArray,
     due: BoolArray,
@@ -100,6 +114,8 @@ def take_out_slips(
         does not show one.
     paused : (N,) bool array
         Whether a pause lies between a cycle and the one before.
+    period_s : (N,) array
+        Time between the samples of a cycle [s]; NaN where it does not tell it.
     shift : (3,) array
         What was taken out of the last row before [as these]; is kept up.
     slips : (2, K) int64 array
@@ -120,6 +136,10 @@ def take_out_slips(
             usual[i] = np.median(known[:count]) if count else np.nan
             off = np.abs(known[:count] - usual[i])
             scatter[i] = _MAD * np.median(off) if count else np.nan
+        shortest, longest = _PERIODS_S
+        if np.isfinite(period_s[row]):
+            shortest = longest = period_s[row]
+        least, most = _SLIP[0] * shortest, _SLIP[1] * longest
         if paused[row]:
             due[:] = True
         off = timed[row] - shift - usual
@@ -130,7 +150,7 @@ def take_out_slips(
             due[i] = False
             far = abs(off[i])
             if i < 2:
-                jumps = max(_SHOWN * scatter[i], _LEAST_S) < far < _SLIP_S[1]
+                jumps = max(_SHOWN * scatter[i], _LEAST * longest) < far < most
                 jumped = jumped or jumps
             else:
                 jumps = jumped and far > _SHOWN * scatter[i]
@@ -142,7 +162,7 @@ def take_out_slips(
             if np.isnan(other):
                 other = 0.0
             often = row - slips[i, 0] < _RECENT
-            jumps = _SLIP_S[0] < abs(alone) < _SLIP_S[1] and not often
+            jumps = least < abs(alone) < most and not often
             if jumps and abs(other) < _UNMOVED * abs(alone):
                 shift[i] += alone
                 slips[i, :-1] = slips[i, 1:]
@@ -153,4 +173,5 @@ def take_out_slips(
 def warm_up() -> None:
     """Compile the kernel."""
     two, no = np.zeros((2, 3)), np.zeros(3, dtype=np.bool_)
-    take_out_slips(two, no[:2], np.zeros(3), np.zeros((2, 2), dtype=np.int64), no.copy(), 0)
+    slips = np.zeros((2, 2), dtype=np.int64)
+    take_out_slips(two, no[:2], np.ones(2), np.zeros(3), slips, no.copy(), 0)

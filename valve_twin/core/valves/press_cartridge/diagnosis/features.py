@@ -16,7 +16,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.direct.bounds import OFF_SEAT, WEAK_SMALL
 from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED
-from valve_twin.core.diagnosis.features import RETURNS, FeatureSet
+from valve_twin.core.diagnosis.features import PERIOD, RETURNS, FeatureSet
 from valve_twin.core.estimation.data.masks import held_recently
 from valve_twin.core.estimation.data.noise import find_rest, rest_noise
 from valve_twin.core.estimation.data.robust import find_spikes
@@ -35,6 +35,7 @@ COUNTS = (
     Parameter(OFF_SEAT, "1", "distance from the lower seat at rest, 0 = where it may be"),
     Parameter(WEAK_SMALL, "1", "share of a large command's gain that a small one lacks, 0 = few"),
     Parameter(RETURNS, "s", "time from the start of a cycle to its first large outflow command"),
+    Parameter(PERIOD, "s", "time between the samples of a cycle", 0.0),
 )
 """What stands beside the features: it needs no past of the valve to be compared with."""
 
@@ -257,6 +258,7 @@ def cycle_features(
         _off_seat(level - options.lower_seat, noise.sigma, missed.quantum, options.margin),
         _weak_small(sigma, into, out),
         _returns(frames, period_s, options),
+        period_s,
     )
     return tuple(_value(name, v) for name, v in zip(_STORED, values, strict=True))
 
