@@ -97,12 +97,12 @@ def diagnose(
     """
     past = past_of(history)
     found = search(past, maintenance, known).diagnosis
+    since = max((m.cycle for m in maintenance), default=0)
     if found is NOTHING:
-        missed = unreached(past)
+        missed = unreached(past, since)
         return NOTHING if missed is None else replace(NOTHING, findings=(missed,))
     doubt = found.doubt or doubt_of_product(products_of(_once_a_cycle(past.features)))
     found = replace(found, findings=with_still(found.findings, still(past)), doubt=doubt)
-    since = max((m.cycle for m in maintenance), default=0)
     return _given(found, past, since, reference, valve) if reference else found
 
 

@@ -59,3 +59,15 @@ def test_a_cycle_that_tells_nothing_is_no_miss():
     found = unreached(history(*10 * [BOTH], SHORT, unseen, SHORT))
     assert found is not None
     assert (found.onset, found.alarm) == (11, 13)
+
+
+def test_maintenance_ends_what_was_missed_before_it():
+    """A jammed spindle was freed and marked: the name stayed until the next whole stroke."""
+    given = history(*10 * [BOTH], SHORT, SHORT)
+    assert unreached(given, since=12) is None  # one miss since
+    assert unreached(given, since=13) is None
+    assert str(unreached(given, since=11)) == str(unreached(given)) != "None"
+    again = history(*10 * [BOTH], SHORT, SHORT, SHORT, SHORT)
+    found = unreached(again, since=13)
+    assert found is not None
+    assert (found.fault, found.onset, found.alarm) == ("no_opening", 13, 14)

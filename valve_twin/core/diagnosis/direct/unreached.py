@@ -29,13 +29,15 @@ _USUALLY = 0.9
 misses none, assumed [1]."""
 
 
-def unreached(history: Iterable[Estimate] | Past) -> Finding | None:
+def unreached(history: Iterable[Estimate] | Past, since: int = 0) -> Finding | None:
     """Return that the newest cycles miss an end which those before them reached.
 
     Parameters
     ----------
     history : iterable of Estimate, or Past
         Estimates of all estimators.
+    since : int
+        First cycle since the last maintenance, which may have mended what was missed before.
 
     Returns
     -------
@@ -52,6 +54,7 @@ def unreached(history: Iterable[Estimate] | Past) -> Finding | None:
     reached = np.flatnonzero(~misses)
     first = int(reached[-1]) + 1 if len(reached) else 0
     before = misses[max(first - LATELY, 0) : first]
+    first = max(first, int(np.searchsorted(cycle, since)))
     if len(misses) - first < _LEAST or len(before) < _LEAST_BEFORE:
         return None
     if float(np.mean(~before)) < _USUALLY:
