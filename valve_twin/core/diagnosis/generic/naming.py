@@ -395,26 +395,27 @@ def _size(name: str, change: FloatArray, table: SignatureTable) -> float:
     They tell none, either, of a change that is nearly all left at the size nearest to it.
     """
     left, size = _nearest(name, change, table)
-    whole = float(np.sum(_in_least(change, table)[1] ** 2))
+    whole = float(np.sum(_in_least(change, table)[2] ** 2))
     return size if size and left < (1.0 - _TELLS) * whole else float("nan")
 
 
 def _nearest(name: str, change: FloatArray, table: SignatureTable) -> tuple[float, float]:
     """Return what the signatures of a fault leave of a change (F,) at the size nearest to it."""
-    known, off = _in_least(change, table)
-    spread = table.least()
+    known, least, off = _in_least(change, table)
     found: list[tuple[float, float]] = []
     for k, signature in enumerate(table.signatures):
         if signature.fault == name:
-            ray = np.array(signature.change)[known] / spread[known]
+            ray = np.array(signature.change)[known] / least
             size = float(np.clip((ray @ off) / max(float(ray @ ray), 1e-300), *table.range(k)))
             left = float(np.sum((off - size * ray) ** 2))
             found.append((left, signature.severity * size))
     return min(found)
 
 
-def _in_least(change: FloatArray, table: SignatureTable) -> tuple[BoolArray, FloatArray]:
-    """Return which features of a change (F,) are known, and these in their least deviations."""
+def _in_least(
+    change: FloatArray, table: SignatureTable
+) -> tuple[BoolArray, FloatArray, FloatArray]:
+    """Return which features of a change (F,) are known, their least deviations, it in these."""
     spread = table.least()
     known = np.isfinite(change) & (spread > 0.0)
-    return known, change[known] / spread[known]
+    return known, spread[known], change[known] / spread[known]
