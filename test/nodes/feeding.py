@@ -20,6 +20,10 @@ REARM = {"cycles.rearm_signal": "v_out", "estimate_wait_s": 0.0}
 published is no live input, so that an estimate is waited for."""
 
 
+AT_ONCE = 50
+"""Samples in flight: shared memory has room for 512 messages, and a slow reader loses more."""
+
+
 class Feeder:
     """Hardware of a test: position and both commands, deterministic."""
 
@@ -59,8 +63,14 @@ class Feeder:
         for publisher in self._publishers:
             assert publisher.wait_for_all_acked(Duration(seconds=60))
 
-    def feed(self, samples: int, offset_ns: int = START_NS, position=None) -> None:
-        """Publish the next samples; `position` replaces the measured values."""
+    def feed(
+        self, samples: int, offset_ns: int = START_NS, position=None, *, paced: bool = True
+    ) -> None:
+        """Publish the next samples; `position` replaces the measured values.
+
+        As readers take them, unless they are not `paced`: to one that is held up.
+        """
+        taken = paced
         block = self._valve.advance(samples)
         for i in range(samples):
             stamp = int(block.stamp_ns[i]) + offset_ns
@@ -69,3 +79,5 @@ class Feeder:
                 own = position is not None and publisher is self._publishers[2]
                 publisher.publish(encode_stamped(stamp, float(position if own else value)))
             self.sent += 1
+            if taken and (i + 1) % AT_ONCE == 0:  # the dead take none
+                taken = all(p.wait_for_all_acked(Duration(seconds=3)) for p in self._publishers)
