@@ -5,6 +5,7 @@
 import signal
 
 import pytest
+from rclpy.qos import ReliabilityPolicy
 
 from test.nodes.conftest import NS
 from test.nodes.player.test_flow_control import TOPICS, write_bag
@@ -119,7 +120,15 @@ def test_a_node_that_stands_still_is_named_and_left_behind(graph, tmp_path, monk
         BagPlayerNode, bag=bag, rate=0.0, window=100, wait_for_subscribers=1, start_paused=True
     )
     publishers = player._player_publishers
+
+    def is_reliable(topic: str) -> bool:
+        ends = player.get_subscriptions_info_by_topic(topic)
+        return any(end.qos_profile.reliability == ReliabilityPolicy.RELIABLE for end in ends)
+
     graph.spin_until(lambda: publishers.has_subscribers(1), 120.0, "the recorder")
+    graph.spin_until(  # it may listen with a second reader, which acknowledges nothing
+        lambda: publishers.has_matched_all() and all(map(is_reliable, names)), what="its match"
+    )
     stopped.process.send_signal(signal.SIGSTOP)
     try:
         player.playback.resume()
