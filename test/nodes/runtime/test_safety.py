@@ -5,6 +5,7 @@
 import os
 import subprocess
 import sys
+import time
 from typing import Any
 
 import pytest
@@ -21,7 +22,7 @@ from test.nodes.conftest import NS
 from valve_twin.io.bags.qos import QosProfile as Offered
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.nodes.player.node import BagPlayerNode
-from valve_twin.nodes.runtime.safety import is_free
+from valve_twin.nodes.runtime.safety import CHECK_S, SETTLE_S, is_free
 from valve_twin.nodes.simulator.node import SimulatedValveNode
 
 POSITION, COMMAND = "/spool_position", "/command/v_in"
@@ -123,6 +124,20 @@ def test_nothing_leaves_before_the_graph_is_known(graph):
     graph.spin_until(lambda: node.state == "inactive", what="the refusal")
     sent = node._outbox.sent
     assert sent == 0
+
+
+@pytest.mark.parametrize("kind", ["simulated_valve", "bag_player"])
+def test_a_time_in_which_the_node_stood_still_does_not_settle_the_graph(graph, bag, kind):
+    """It met nobody then, and the first command left with the next tick."""
+    if kind == "simulated_valve":
+        outbox = graph.host(SimulatedValveNode, publish_prefix="")._outbox
+    else:
+        outbox = graph.host(BagPlayerNode, start_delay_s=0.0, **bag)._player_publishers.outbox
+    graph.spin(2.0 * CHECK_S)
+    time.sleep(SETTLE_S)
+    graph.spin(3.0 * CHECK_S)
+    assert not outbox.sent
+    graph.spin_until(lambda: outbox.sent, what="the first sample")
 
 
 def test_a_user_may_allow_it(graph):
@@ -230,7 +245,7 @@ def test_a_valve_that_comes_while_it_plays_gets_no_command(graph, tmp_path, capf
     with BagWriter(path) as writer:
         offer = (Offered(durability="transient_local"),)
         writer.add_topic("/mode", "std_msgs/msg/String", qos=offer)
-        for i in range(3000):
+        for i in range(100_000):  # 100 s: the valve may need long to be seen
             writer.write("/mode", b"\0\1\0\0\2\0\0\0a\0", log_ns=10**9 + i * 10**7)
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     node = graph.host(BagPlayerNode, bag=str(path), publish_prefix="", rate=10.0)

@@ -82,7 +82,7 @@ class Playback:
         """Play on through these publishers from where it was left."""
         now = seconds_now()
         self._publishers = publishers
-        self._earliest_s = now + publishers.settle_s
+        self._earliest_s = now
         self._latest_s = now + self._settings.given.start_delay_s
         self._wait()
 
@@ -189,6 +189,8 @@ class Playback:
     def _is_released(self, publishers: PlayerPublishers) -> bool:
         """Begin when the graph is settled and enough subscribers are there."""
         now, wanted = seconds_now(), self._settings.given.wait_for_subscribers
+        if not publishers.is_settled(now):
+            return False
         patient = now <= self._latest_s + MEET_S
         heard, met = publishers.are_heard(), publishers.has_matched_all()
         given_up = not wanted and now > self._latest_s and not (patient and not heard)

@@ -91,10 +91,9 @@ class PlayerPublishers:
 
     # -- who is there
 
-    @property
-    def settle_s(self) -> float:
-        """How long the graph has to be watched before the first message [s]."""
-        return self._guard.settle_s
+    def is_settled(self, now_s: float) -> bool:
+        """Return whether the graph was watched for long enough at a steady time [s]."""
+        return self._guard.is_settled(now_s)
 
     def check(self) -> None:
         """Look at the whole graph; raise where a real valve is in reach."""

@@ -10,6 +10,7 @@ whenever the graph may have changed; only the user's `allow_live` lifts it.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -26,7 +27,8 @@ CHECK_S = 0.5
 
 SETTLE_S = 5.0
 """Time for the graph to become known before the first message to a real topic [s]; nodes
-of one machine were seen to need up to 2.6 s to find each other."""
+of one machine were seen to need up to 2.6 s to find each other. Of a time without a look, in which
+the process stood still and met nobody, at most CHECK_S counts."""
 
 _FREE = re.compile(r"/([A-Za-z]\w*_)?(replay(ed)?|sim|simulat(ed|ion|or))\d*(_\w+)?(/|$)")
 
@@ -83,11 +85,17 @@ class Guard:
         self._node = node
         self._real = not is_free(prefix)
         self._allowed = allow_live
+        self._looked_s, self._watched_s = math.inf, 0.0
 
-    @property
-    def settle_s(self) -> float:
-        """How long to wait before the first message [s]; known after the first check."""
-        return SETTLE_S if self._real and not self._allowed else 0.0
+    def watch_anew(self) -> None:
+        """Let the time before the first message begin again."""
+        self._looked_s, self._watched_s = math.inf, 0.0
+
+    def is_settled(self, now_s: float) -> bool:
+        """Return whether the graph was watched for long enough at a steady time [s]."""
+        self._watched_s += min(max(now_s - self._looked_s, 0.0), CHECK_S)
+        self._looked_s = now_s
+        return not self._real or self._allowed or self._watched_s >= SETTLE_S
 
     def is_real(self, published: PublishedTopic) -> bool:
         """Return whether a topic may be published only where nobody takes it."""

@@ -54,7 +54,6 @@ class SimulatedValveNode(ValveNode):
         self._diagnostics: Diagnostics | None = None
         self._begin_s: float | None = None
         self._gate = SubscriberGate(self)
-        self._earliest_s = 0.0
         self._samples = 0
         self._given = SimulatedValveParameters()
 
@@ -99,7 +98,7 @@ class SimulatedValveNode(ValveNode):
             for publisher in valve.publishers if lossless else ():
                 self._outbox.keep(publisher, DEPTH)
         self._begin_s, self._samples, self._gate = None, 0, SubscriberGate(self)
-        self._earliest_s = seconds_now() + self._guard.settle_s
+        self._guard.watch_anew()
         self._timers_made = [
             self.create_timer(TICK_S, self._tick, clock=STEADY),
             self.create_timer(CHECK_S, self._watch, clock=STEADY),
@@ -206,7 +205,7 @@ class SimulatedValveNode(ValveNode):
         now = seconds_now()
         wanted = self._given.wait_for_subscribers
         awaited = [p for v in self._valves for p in v.awaited]
-        if now < self._earliest_s:
+        if not self._guard.is_settled(now):
             return False
         if wanted and not self._gate.is_open(awaited, wanted, now):
             return False
