@@ -73,6 +73,18 @@ def ready_s(pid: int) -> float:
     return int(path.read_text().split()[1]) * 1e-9 if path.exists() else 0.0
 
 
+def all_ready_s(pid: int) -> float:
+    """Return how long all living threads of a process were ready and no core was free so far [s].
+
+    Of those that waited at a time it is the sum.
+    """
+    waited_ns = 0
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with suppress(OSError):  # it has just ended, or nothing counts it
+            waited_ns += int((task / "schedstat").read_text().split()[1])
+    return waited_ns * 1e-9
+
+
 def has_ended(pid: int) -> bool:
     """Whether a child has ended; it is left to be waited for."""
     return os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None

@@ -23,7 +23,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from test.gateway.chromium import Browser
 from test.gateway.test_web import store
-from test.nodes.conftest import NS
+from test.nodes.conftest import NS, all_ready_s
 from test.nodes.gateway.fake_twin import RATE_HZ, expected
 from test.small_disk import small_disk
 from valve_twin.gateway.first_reading import WAITING
@@ -149,7 +149,7 @@ def test_foxglove_shows_the_topics_of_a_twin_beside_those_of_the_history(graph, 
 def test_the_browser_draws_says_stale_within_three_seconds_and_recovers(
     graph, gateway, twin, browser
 ):
-    address, _ = gateway
+    address, process = gateway
     browser.open(f"{address}/valve{NS}")
     state = "document.querySelector('#live').dataset.state"
     browser.wait_for(f"{state} === 'live'")
@@ -171,10 +171,12 @@ def test_the_browser_draws_says_stale_within_three_seconds_and_recovers(
         " setInterval(() => { const now = performance.now();"
         " window.late = Math.max(window.late, now - last - 50); last = now; }, 50); 1"
     )
+    waited_s = all_ready_s(process.pid)
     twin.kill()
     browser.wait_for(f"{state} === 'stale'")
     quiet_ms, late_ms = browser.run("[window.staleAt - window.heardAt[0], window.late]")
-    assert quiet_ms < 3000.0 + late_ms  # what the machine kept the page waiting is not ours
+    late_ms += 1e3 * (all_ready_s(process.pid) - waited_s)
+    assert quiet_ms < 3000.0 + late_ms  # what the machine kept page and gateway waiting: not ours
     assert "STALE" in browser.text("#live .now")
     again = FakeTwin(graph.domain)
     try:
@@ -347,8 +349,9 @@ def test_a_gateway_waits_for_its_disk_and_for_its_history_and_shows_both_faces_t
             "both on /diagnostics",
         )
         store(path, NS, range(1, 4), 0.0)
-        found = re.search(r"http://127\.0\.0\.1:\d+", made.log)
-        assert found
+        found = graph.spin_until(
+            lambda: re.search(r"http://127\.0\.0\.1:\d+", made.log), what="the address"
+        )
 
         def cycles() -> list[int]:
             with urllib.request.urlopen(f"{found.group()}/api/valves", timeout=60) as answer:

@@ -4,11 +4,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import os
 import signal
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,6 +16,7 @@ import pytest
 pytest.importorskip("asyncua", reason="needs the extra gateway")
 
 from test.gateway.opcua.test_access import write_pair
+from test.nodes.conftest import all_ready_s
 from test.nodes.opcua_source.plc import Plc
 from test.ports import free_port
 from valve_twin.nodes.opcua_source import subscription as module
@@ -33,9 +34,7 @@ UNCERTAIN, BAD_SENSOR = 0x40930000, 0x80320000  # LastUsableValue; BadWaitingFor
 
 def without_a_core_s(*pids: int) -> float:
     """Return how long all threads of processes were ready and no core was free so far [s]."""
-    tasks = (Path(f"/proc/{pid}/task") for pid in pids)
-    counts = [t / "schedstat" for task in tasks for t in task.iterdir()]
-    return sum(int(c.read_text().split()[1]) for c in counts if c.exists()) * 1e-9
+    return sum(map(all_ready_s, pids))
 
 
 class Client:
@@ -236,6 +235,29 @@ def test_a_server_that_hangs_is_noticed_and_a_renamed_tag_is_told(plc, monkeypat
         assert client.until(lambda: not client.figures.connected) < 10.0
         plc.process.send_signal(signal.SIGCONT)
         client.until(lambda: client.figures.connected)
+    finally:
+        client.subscription.close()
+
+
+def test_a_stall_of_our_own_process_is_no_silence_of_the_server(plc, monkeypatch):
+    """The answer was there when it went on, and so was the end of its patience."""
+    from asyncua import Node
+
+    read, asked = Node.read_value, []
+
+    async def stalled(node):
+        answer = asyncio.ensure_future(read(node))
+        await asyncio.sleep(0.0)  # the question leaves
+        asked.append(node)
+        if len(asked) == 4:
+            time.sleep(module.TIMEOUT_S + 0.5)
+        return await answer
+
+    monkeypatch.setattr(Node, "read_value", stalled)
+    client = Client(plc.address)
+    try:
+        client.until(lambda: len(asked) >= 6)
+        assert client.figures.connections == 1, client.figures
     finally:
         client.subscription.close()
 

@@ -4,6 +4,7 @@
 
 import itertools
 import random
+import re
 import signal
 import time
 
@@ -89,10 +90,18 @@ def test_a_fleet_without_its_plant_says_so_in_a_few_lines_and_publishes_it_toget
     def missing():
         return [f for f in faults[-1].faults if f.code == "input.missing"] if faults else []
 
+    def lines():
+        return [line for line in twin.log.splitlines() if "[input.missing]" in line]
+
+    def told():
+        """How many topics the lines tell of: each of one, or of how many more."""
+        more = [re.search(r"(\d+) more of \[input.missing\]: ", line) for line in lines()]
+        return sum(int(m[1]) if m else 1 for m in more)
+
     graph.spin_until(lambda: len(missing()) == 60, 120.0, "all missing topics")
-    told = [line for line in twin.log.splitlines() if "[input.missing]" in line]
-    assert len(told) == 4, told
-    assert "57 more of [input.missing]: " in told[-1]
+    graph.spin_until(lambda: told() == 60, what="lines of all missing topics")
+    # the second after which a topic is missing may end between two looks: four lines of each
+    assert len(lines()) <= 8, lines()
     assert len(faults) < 10
     assert twin.end() == 0
 

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from valve_twin_msgs.msg import Float64Series, Float64Stamped, Prediction, PredictionSeries
 
-from test.nodes.conftest import NS, ready_s
+from test.nodes.conftest import NS, all_ready_s, ready_s
 from test.nodes.feeding import START_NS, Feeder
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.nodes.runtime.stamps import from_time, to_time
@@ -396,8 +396,8 @@ def figures(diagnostics):
 
 
 def without_a_core_s(twin):
-    """Return how long the twin and this process have waited for a core so far [s]."""
-    return ready_s(twin.pid) + ready_s(os.getpid())
+    """Return how long twin and this process, all threads, have waited for a core so far [s]."""
+    return all_ready_s(twin.pid) + all_ready_s(os.getpid())
 
 
 def silence_s(graph, feeder, found, twin):

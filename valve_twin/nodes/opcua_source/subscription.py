@@ -21,13 +21,16 @@ from valve_twin.nodes.opcua_source.tags import Sample, to_sample
 from valve_twin.nodes.opcua_source.terms import LEAST_MS, Granted, Terms
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Coroutine, Sequence
 
 RETRY_S = 0.5
 """Pause before the next attempt to connect [s]."""
 
 TIMEOUT_S = 3.0
 """A server that for so long neither answers nor sends samples is taken for gone [s]."""
+
+STEP_S = 0.1
+"""Its silence is counted in steps of this length, in each of which it could have answered [s]."""
 
 AGAIN_S = 5.0
 """A tag that the server does not know is asked for again so often [s]."""
@@ -279,7 +282,7 @@ class TagSubscription:
             self._count_unread()
             before = self._count
             try:
-                await asyncio.wait_for(state.read_value(), TIMEOUT_S)
+                await _patiently(state.read_value(), TIMEOUT_S)
             except asyncio.TimeoutError:
                 if self._count == before:
                     raise
@@ -359,6 +362,20 @@ class TagSubscription:
         end_s = asyncio.get_running_loop().time() + seconds
         while not self._end and asyncio.get_running_loop().time() < end_s:
             await asyncio.sleep(0.05)
+
+
+async def _patiently(question: Coroutine[Any, Any, Any], most_s: float) -> None:
+    """Wait for an answer; a time in which this process stood still is one step of it at most."""
+    asked = asyncio.ensure_future(question)
+    try:
+        for _ in range(math.ceil(most_s / STEP_S)):
+            done, _ = await asyncio.wait({asked}, timeout=STEP_S)
+            if done:
+                asked.result()
+                return
+        raise asyncio.TimeoutError
+    finally:
+        asked.cancel()
 
 
 async def _secure(client: Any, folder: Path) -> None:
