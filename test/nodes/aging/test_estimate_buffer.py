@@ -19,6 +19,7 @@ from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.past.columns import past_of
 from valve_twin.core.types import Maintenance as MaintenanceValue
 from valve_twin.core.valves.registry import get_model
+from valve_twin.nodes.aging import monitored_valve
 from valve_twin.nodes.aging.node import AgingMonitorNode
 from valve_twin.nodes.runtime.messages import estimate_message, to_message
 from valve_twin.nodes.runtime.worker import Outcome
@@ -67,6 +68,12 @@ class Twin:
         for other in ("kalman", "output_error"):
             message = estimate_message(NS, replace(estimate, estimator=other), {}, stored=True)
             self.estimates.publish(message)
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """Ask nobody twice where the machine has no core for the answer."""
+    monkeypatch.setattr(monitored_valve, "ANSWER_S", 600.0)
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from test.nodes.feeding import REARM, START_NS, Feeder
 from valve_twin.core.types import Prediction as Block
 from valve_twin.nodes.player.outbox import SubscriberGate
 from valve_twin.nodes.runtime.stamps import from_time
+from valve_twin.nodes.twin import publishers
 from valve_twin.nodes.twin.node import TwinNode
 from valve_twin.nodes.twin.prediction_batches import PredictionBatches, mean_period_s
 
@@ -107,11 +108,17 @@ def stamps(series) -> list[int]:
     ]
 
 
-def test_every_sample_leaves_once_in_order_in_batches(graph, parameters):
-    graph.host(TwinNode, **parameters)
+def test_every_sample_leaves_once_in_order_in_batches(graph, parameters, monkeypatch):
+    def patient(batch_s, period_s, _):  # a stall of the machine is no end of the stream
+        return PredictionBatches(batch_s, period_s, 600.0)
+
+    monkeypatch.setattr(publishers, "PredictionBatches", patient)
+    node = graph.host(TwinNode, **parameters)
     found = graph.record(f"{NS}/twin/prediction", PredictionSeries)
     feeder = Feeder(graph, NS)
     feeder.feed(200)
+    graph.spin_until(lambda: len(stamps(found)) > 180, what="all but the last batch")
+    node.trigger_deactivate()
     graph.spin_until(lambda: len(stamps(found)) >= 200, what="200 samples")
     assert stamps(found) == [START_NS + i * feeder.period_ns for i in range(200)]
     first, *others = (sum(m.cycle == c for m in found) for c in (0, 1))

@@ -21,19 +21,24 @@ VARIABLE = VARIABLES[profile.is_fast_dds_3()]
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 LATE = """
-import os, time, rclpy
+import glob, os, time, rclpy
 from valve_twin.nodes.runtime.transport import profile
 profile.announce_from_a_thread()
 rclpy.init()
-begin = time.monotonic()
+def with_a_core_s():
+    pids = os.getpid(), os.getppid()
+    counts = [c for pid in pids for c in glob.glob(f"/proc/{pid}/task/*/schedstat")]
+    return time.monotonic() - sum(int(open(c).read().split()[1]) for c in counts) * 1e-9
+begin = with_a_core_s()
 node = rclpy.create_node("late")
-while not node.count_publishers("/there") and time.monotonic() < begin + 10.0:
+while not node.count_publishers("/there") and with_a_core_s() < begin + 10.0:
     time.sleep(0.02)
-print(time.monotonic() - begin, flush=True)
+print(with_a_core_s() - begin, flush=True)
 profile.remove_profile_file()
 os._exit(0)
 """
-"""A node that says how long it took until it knew of a publisher [s]."""
+"""A node that says how long it took, with a core free for it and for the process that it is a
+child of, until it knew of a publisher [s]."""
 
 
 @pytest.fixture(autouse=True)
@@ -185,7 +190,7 @@ def test_nodes_beside_a_running_one_need_not_wait_for_its_third_second(graph):
         )
         assert done.returncode == 0, done.stderr
         heard_s.append(float(done.stdout))
-    assert sorted(heard_s)[-2] < 2.5, heard_s  # one may have found no core
+    assert sorted(heard_s)[-2] < 2.5, heard_s  # a datagram of one may have been lost
 
 
 def test_two_participants_of_a_process_meet_while_one_makes_and_removes_endpoints(graph):
