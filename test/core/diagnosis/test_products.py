@@ -137,10 +137,10 @@ def test_a_sample_more_or_less_is_no_other_program():
 def test_how_long_a_sample_is_the_cycles_tell():
     """At 10 Hz a return that was logged a sample later was another product."""
     one, slow, fast = np.zeros(20, dtype=np.int64), np.full(20, 0.1), np.full(20, 1e-3)
-    later = 3.0 + 0.1 * (np.arange(20) % 2)
+    later = np.where(np.arange(20) % 2, 3.1, 3.0)
     assert set(with_returns(one, later).tolist()) == {0, 1}  # none tells it
     assert set(with_returns(one, later, slow).tolist()) == {0}
-    near = 3.0 + 0.04 * (np.arange(20) % 2)
+    near = np.where(np.arange(20) % 2, 3.04, 3.0)
     assert set(with_returns(one, near).tolist()) == {0}
     assert set(with_returns(one, near, fast).tolist()) == {0, 1}
     slow[4] = np.nan  # not all tell it: what is usual
