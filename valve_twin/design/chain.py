@@ -223,7 +223,7 @@ def compute_design(
         moved = valve or find_designable()
         numbers = moved.of_design(designed)
         loops = [moved.loop(numbers, end, {}, start) for start, end in FITTED]
-        records = [step_record(section, curves, loop, of.fine, of.skin) for loop in loops]
+        records = [step_record(model, curves, loop) for loop in loops]
         grown = fit_growing(records, _matched(section, curves, of, advance))
         designed = replace(designed, eddies=grown.numbers())
     return designed, (of_current, of_force)

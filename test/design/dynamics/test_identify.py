@@ -37,6 +37,16 @@ def test_known_dynamics_are_found_again(truth):
     assert found.without < 95.0
 
 
+def test_what_is_found_does_not_hang_on_the_last_digits():
+    """Filters of polynomials rounded to 1e-6 of the sum: searches ended 5 % apart."""
+    noise = np.random.default_rng(0).standard_normal((4, len(TIME)))
+    answer = answer_of(12.5e-3, 1.1e-5, 17.0, 380.0) + 0.02 * np.cumsum(noise[0]) / len(TIME)
+    first, *others = (fit_dynamics(TIME, SOURCE, answer * (1.0 + 1e-10 * of)) for of in noise)
+    for other in others:
+        assert other.poles_hz == pytest.approx(first.poles_hz, rel=1e-4)
+        assert (other.b1, other.b2) == pytest.approx((first.b1, first.b2), rel=1e-4)
+
+
 def test_noise_is_left_over_not_explained():
     noise = 0.02 * np.random.default_rng(3).normal(size=len(TIME))
     noise[0] = 0.0  # the first row is the rest from which changes count

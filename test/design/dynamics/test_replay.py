@@ -62,8 +62,9 @@ def test_eddy_currents_delay_the_force():
 def test_a_start_beyond_the_map_begins_with_the_measured_current():
     section = DoubleStroke(steel=Steel(conductivity=1.0)).section()
     curves = compute_map(section, MapGrid(currents=4, positions=4, fine=FINE))
+    model = make_model(section, FINE, 1e-3)
     within, beyond = (
-        step_record(section, curves, loop(PART, (0.04, b)), FINE).currents for b in (0.02, -0.05)
+        step_record(model, curves, loop(PART, (0.04, b))).currents for b in (0.02, -0.05)
     )
     means = evened(np.column_stack([1.0 + PART, 1.0 - 0.5 * PART]))
     assert beyond[0] == pytest.approx(means[1])

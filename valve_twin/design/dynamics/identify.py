@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.prediction import fit_percent
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.physics.coenergy import CoenergyMap
@@ -141,19 +142,32 @@ def _response(
     log_poles: FloatArray, time_s: FloatArray, u: FloatArray, y: FloatArray
 ) -> tuple[tuple[float, float], FloatArray]:
     """Return b1 and b2 that fit best with these poles, and the response with them."""
-    from scipy.signal import cont2discrete, lfilter
+    from scipy.linalg import expm
 
-    one, two = np.exp(log_poles)
-    system = np.array([[0.0, 1.0], [-one * two, -one - two]]), np.array([[0.0], [one * two]])
-    outputs = np.vstack([np.eye(2), system[0][1]]), np.array([[0.0], [0.0], [one * two]])
+    p, q = np.exp(log_poles).tolist()
     step = float(time_s[1] - time_s[0])
-    a, b, c, d, _ = cont2discrete((*system, *outputs), step, method="foh")
-    below = np.poly(a)
-    rows = []
-    for k in range(3):  # 1/D, s/D and s^2/D: straight lines between the times are exact
-        above = np.poly(a - b @ c[k : k + 1]) + (d[k, 0] - 1.0) * below
-        rows.append(lfilter(above, below, u))
-    basis = np.column_stack(rows[1:])
+    # two lags in a row and straight lines between the times, exact: w1, w2, u, its slope
+    rate = np.zeros((4, 4))
+    rate[0, [0, 2]], rate[1, :2], rate[2, 3] = (-p, p), (q, -q), 1.0 / step
+    lags = np.zeros((len(u), 2))
+    _follow(expm(step * rate), u, lags)
+    first, second = lags.T
+    speed = q * (first - second)
+    basis = np.column_stack([speed, q * (p * (u - first) - speed)])  # s/D and s^2/D
     scale = np.linalg.norm(basis, axis=0)
-    best = np.linalg.lstsq(basis / scale, y - rows[0], rcond=None)[0] / scale
-    return (float(best[0]), float(best[1])), rows[0] + basis @ best
+    best = np.linalg.lstsq(basis / scale, y - second, rcond=None)[0] / scale
+    return (float(best[0]), float(best[1])), second + basis @ best
+
+
+@njit(cache=True)
+def _follow(over: FloatArray, u: FloatArray, lags: FloatArray) -> None:
+    """Write what both lags show of a signal; no filter of polynomials, which rounds to 1e-6."""
+    for n in range(1, len(u)):
+        rise = u[n] - u[n - 1]
+        for k in range(2):
+            lags[n, k] = (
+                over[k, 0] * lags[n - 1, 0]
+                + over[k, 1] * lags[n - 1, 1]
+                + over[k, 2] * u[n - 1]
+                + over[k, 3] * rise
+            )

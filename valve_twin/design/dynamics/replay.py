@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from valve_twin.core.physics.coenergy import CoenergyMap
     from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.designed import Loop
-    from valve_twin.design.field import Transient
+    from valve_twin.design.field import FieldModel, Transient
     from valve_twin.design.geometry.section import Section
 
 FOLLOWED_S = 0.03
@@ -107,7 +107,7 @@ def replay(
         force = dict(loop.rows)["force [N]"]["F"]
     except KeyError as err:
         raise ValueError(_missing(err)) from err
-    record = step_record(section, curves, loop, fine, skin)
+    record = step_record(make_model(section, fine, skin), curves, loop)
     time_s, found, x = record.time_s, record.force, record.position
     lumped = evened(force[: len(time_s)])
     inside = np.clip(record.currents, curves.currents[0], curves.currents[-1])
@@ -124,21 +124,17 @@ def replay(
     )
 
 
-def step_record(
-    section: Section, curves: CoenergyMap, loop: Loop, fine: float = 0.5, skin: float = 1e-3
-) -> Transient:
+def step_record(model: FieldModel, curves: CoenergyMap, loop: Loop) -> Transient:
     """Return the moving field under currents and motion of the first 30 ms of a step.
 
     Parameters
     ----------
-    section : Section
-        Of the solenoid.
+    model : FieldModel
+        The solenoid's field problem.
     curves : CoenergyMap
         Its static curves.
     loop : Loop
         The step, with its currents, flux linkages and position every 0.1 ms.
-    fine, skin : float
-        Of the field's mesh, as of `Fidelity` [1], [m].
 
     Raises
     ------
@@ -159,9 +155,7 @@ def step_record(
         currents[0] = magnetising(curves, flux, currents[:1], x[:1])[0]  # at rest
     except ValueError:  # a coil that holds against the other's flux lies beyond its map
         currents[0] = currents[1]
-    return run_transient(
-        make_model(section, fine, skin), loop.time_s[:count], currents, x, "euler"
-    )
+    return run_transient(model, loop.time_s[:count], currents, x, "euler")
 
 
 def _missing(err: KeyError) -> str:

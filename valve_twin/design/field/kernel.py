@@ -99,14 +99,17 @@ def steel_at(table: FloatArray, per_tesla: float, b: float) -> tuple[float, floa
 
 @njit(cache=True)
 def assemble(
-    e: Elements, points: FloatArray, a: FloatArray, residual: FloatArray, matrix: FloatArray
-) -> float:
-    """Assemble slope and tangent of the field's energy; return the energy [J].
+    e: Elements, of: IntArray, points: FloatArray, a: FloatArray, residual: FloatArray,
+    matrix: FloatArray,
+) -> float:  # fmt: skip
+    """Assemble slope and tangent of the energy of some triangles; return that energy [J].
 
     Parameters
     ----------
     e : Elements
         The mesh and its materials.
+    of : (V,) int array
+        Which triangles.
     points : (2, P) array
         Corners, moved [m].
     a : (N,) array
@@ -120,7 +123,7 @@ def assemble(
     matrix[:] = 0.0
     energy = 0.0
     br, bz, local = np.empty(6), np.empty(6), np.empty((6, 6))
-    for k in range(e.triangles.shape[1]):
+    for k in of:
         i0, i1, i2 = e.triangles[0, k], e.triangles[1, k], e.triangles[2, k]
         r0, z0 = points[0, i0], points[1, i0]
         r1, z1 = points[0, i1] - r0, points[1, i1] - z0

@@ -13,6 +13,7 @@ import numpy as np
 from valve_twin.core.physics.solenoid_map import VACUUM
 from valve_twin.design.field.grid import Grid, make_grid
 from valve_twin.design.field.kernel import Elements
+from valve_twin.design.field.steady import Steady, make_steady
 from valve_twin.design.materials import Linear, Magnet, Steel
 
 if TYPE_CHECKING:
@@ -47,6 +48,8 @@ class FieldModel:
         Movement of each corner over that of the armature [1].
     stretched : (S,) int array
         Triangles that a movement deforms.
+    steady : Steady
+        What nothing changes.
     """
 
     section: Section
@@ -59,6 +62,7 @@ class FieldModel:
     coils: FloatArray
     shift: FloatArray
     stretched: IntArray
+    steady: Steady
 
     @property
     def unknowns(self) -> int:
@@ -138,7 +142,10 @@ def make_model(section: Section, fine: float = 1.0, skin: float = math.inf) -> F
     stretched = np.flatnonzero(np.ptp(ends, axis=0) > 0.0)
     _check_stretched(section, grid, ends, stretched)
     coils = _coils(section, grid, elements, len(held))
-    return FieldModel(section, fine, grid, elements, place, columns, rows, coils, shift, stretched)
+    steady = make_steady(elements, grid.points, stretched, (len(held), len(rows)))
+    return FieldModel(
+        section, fine, grid, elements, place, columns, rows, coils, shift, stretched, steady
+    )
 
 
 def _pattern(dofs: IntArray, held: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:

@@ -23,11 +23,17 @@ if TYPE_CHECKING:
     from valve_twin.design.field.model import FieldModel
 
 _MOST_STEPS = 60
-_CLOSE = 1e-12  # Newton's decrement over the energy before the last step [1]
+
+CLOSE = 1e-12
+"""Newton's decrement over the energy before the last step, of a single field [1]."""
+
+NEAR = 1e-10
+"""The same of the times of a transient: the step leaves some 1e-9 of the potential [1]."""
+
 _LEAST_ENERGY = 1e-18  # below which there is no field [J]
 _ENOUGH = 1e-4  # of the promised descent that a step has to give [1]
 _HALVINGS = 25
-_SOLVED = 1e-4  # error of a step that its linear equations leave, over the step [1]
+_SOLVED = 1e-4  # error of a step that its linear equations leave at least, over the step [1]
 
 
 class Eddy(NamedTuple):
@@ -67,6 +73,7 @@ def minimise(
     source: FloatArray,
     eddy: Eddy | None = None,
     tangent: Tangent | None = None,
+    close: float = CLOSE,
 ) -> Minimum:
     """Return the potential of least energy.
 
@@ -84,6 +91,8 @@ def minimise(
         A step in time; default a static field.
     tangent : Tangent, optional
         Of a field near, whose factors may serve; goes on to those of this one.
+    close : float
+        Newton's decrement over the energy before the last step [1].
 
     Raises
     ------
@@ -100,9 +109,9 @@ def minimise(
         slope[order] = state.slope[free]
         tangent.take(state.matrix)
         step = np.zeros(len(a))
-        step[free] = tangent.solve(slope, _SOLVED)[order]
+        step[free] = tangent.solve(slope, _SOLVED, state.energy)[order]
         promised = float(step[free] @ state.slope[free])
-        if promised <= _CLOSE * abs(state.energy) + _LEAST_ENERGY:
+        if promised <= close * abs(state.energy) + _LEAST_ENERGY:
             # along the last step the sum is a parabola to all digits: no further assembly
             a = a - step
             energy = value - 0.5 * promised + float(source @ a) - state.eddy_part(a)
@@ -123,8 +132,14 @@ class _State:
         self.energy = 0.0
 
     def at(self, a: FloatArray) -> float:
-        self.energy = assemble(self._model.elements, self._points, a, self.slope, self.matrix)
-        self.slope -= self._source
+        model, steady = self._model, self._model.steady
+        varying = assemble(
+            model.elements, steady.varying, self._points, a, self.slope, self.matrix
+        )
+        image = steady.stiff @ a
+        self.energy = varying + steady.energy + float(a @ (steady.pull + 0.5 * image))
+        self.slope += steady.pull + image - self._source
+        self.matrix += steady.entries
         value = self.energy - float(self._source @ a)
         if self._eddy is None:
             return value

@@ -11,7 +11,7 @@ import numpy as np
 
 from valve_twin.core.physics.solenoid_map import VACUUM
 from valve_twin.design.field.excitation import check_currents
-from valve_twin.design.field.newton import minimise
+from valve_twin.design.field.newton import CLOSE, minimise
 from valve_twin.design.field.shapes import shapes_at
 
 if TYPE_CHECKING:
@@ -74,6 +74,7 @@ def solve_field(
     position: float = 0.0,
     start: FloatArray | None = None,
     tangent: Tangent | None = None,
+    close: float = CLOSE,
 ) -> Field:
     """Return the field at given currents and position.
 
@@ -89,6 +90,8 @@ def solve_field(
         Vector potential near the solution [Wb/m]; default 0.
     tangent : Tangent, optional
         Of a field near, whose factors may serve; goes on to those of this one.
+    close : float
+        As of `minimise`.
 
     Raises
     ------
@@ -105,23 +108,14 @@ def solve_field(
     points = model.moved(position)
     a = np.zeros(model.coils.shape[1]) if start is None else start
     try:
-        found = minimise(model, points, a, i @ model.coils, tangent=tangent)
+        found = minimise(model, points, a, i @ model.coils, tangent=tangent, close=close)
     except ValueError as err:
         message = f"currents = {i.tolist()} A, position = {position:g} m: {err}"
         raise ValueError(message) from err
-    a, free = found.potential, model.place >= 0
-    order = model.place[free]
+    a = found.potential
     flux = model.coils @ a
-    rows = np.zeros((len(i), model.unknowns))
-    rows[:, order] = model.coils[:, free]
-    answers = np.zeros((model.unknowns, len(i)))
-    for k, row in enumerate(rows):
-        answers[:, k] = found.tangent.solve(row, _SOLVED)
-    slopes = np.zeros((len(i), len(a)))
-    slopes[:, free] = answers[order].T
+    slopes = potential_slopes(model, found.tangent, _SOLVED)
     force, force_over_a = force_of(model, points, a)
-    pull = np.zeros(model.unknowns)
-    pull[order] = force_over_a[free]
     return Field(
         model=model,
         currents=i,
@@ -132,10 +126,32 @@ def solve_field(
         energy=found.energy,
         coenergy=float(i @ flux) - found.energy,
         force=force,
-        inductance=rows @ answers,
-        force_slope=pull @ answers,
+        inductance=model.coils @ slopes.T,
+        force_slope=slopes @ force_over_a,
         steps=found.steps,
     )
+
+
+def potential_slopes(model: FieldModel, tangent: Tangent, close: float) -> FloatArray:
+    """Return the slopes (C, N) of the potential over the currents of the coils [H/m].
+
+    Parameters
+    ----------
+    model : FieldModel
+        The section's field problem.
+    tangent : Tangent
+        At the field.
+    close : float
+        Largest error, as of `Tangent.solve` [1].
+    """
+    free = model.place >= 0
+    order = model.place[free]
+    slopes = np.zeros(model.coils.shape)
+    for slope, of in zip(slopes, model.coils, strict=True):
+        row = np.zeros(model.unknowns)
+        row[order] = of[free]
+        slope[free] = tangent.solve(row, close)[order]
+    return slopes
 
 
 def force_of(model: FieldModel, points: FloatArray, a: FloatArray) -> tuple[float, FloatArray]:

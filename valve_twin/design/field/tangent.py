@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 _MANY = 6  # iterations after which the next tangent gets factors of its own
 _MOST = 12  # iterations after which this one does
+_BENT = (
+    1.0  # energy of what a step leaves over that of the step, over its share of the field's [1]
+)
+_LOOSEST = 1e-2  # the same at most [1]
 
 
 class Tangent:
@@ -54,7 +58,7 @@ class Tangent:
         """
         self._matrix.data, self._own = entries, False
 
-    def solve(self, right: FloatArray, close: float) -> FloatArray:
+    def solve(self, right: FloatArray, close: float, energy: float = 0.0) -> FloatArray:
         """Return the solution (N,) of the equations with the tangent at hand [Wb/m].
 
         Parameters
@@ -63,9 +67,12 @@ class Tangent:
             In the order of elimination [A m].
         close : float
             Largest error over the solution, both measured by the root of their energy [1].
+        energy : float
+            Of the field, where the solution is a step of Newton's: one that is not the last may
+            be off by as much as the curves bend over it; 0 = no such step [J].
         """
         if self._factors is not None and not self._own:
-            found, count = _iterate(self._matrix, self._factors, right, close)
+            found, count = _iterate(self._matrix, self._factors, right, close, energy)
             if count > _MANY:
                 self._factors = None
             if count <= _MOST:
@@ -76,13 +83,14 @@ class Tangent:
 
 
 def _iterate(
-    matrix: csc_array, factors: SuperLU, right: FloatArray, close: float
+    matrix: csc_array, factors: SuperLU, right: FloatArray, close: float, energy: float
 ) -> tuple[FloatArray, int]:
     """Return a solution by conjugate gradients and how many iterations it took."""
     found, rest = np.zeros(len(right)), right.copy()
     nearer = factors.solve(rest)
     along, left = nearer.copy(), float(rest @ nearer)
-    enough = close * close * left
+    bent = min(_BENT * left / energy, _LOOSEST) if energy > 0.0 else 0.0
+    enough = max(close * close, bent) * left
     for count in range(_MOST + 1):
         if left <= enough:
             return found, count

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.design.field.excitation import check_currents
-from valve_twin.design.field.newton import Eddy, minimise
+from valve_twin.design.field.newton import NEAR, Eddy, minimise
 from valve_twin.design.field.shapes import shapes_at
-from valve_twin.design.field.solve import force_of, solve_field
+from valve_twin.design.field.solve import force_of, potential_slopes, solve_field
 from valve_twin.design.field.tangent import Tangent
 
 if TYPE_CHECKING:
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from valve_twin.design.field.solve import Field
 
 METHODS = ("euler", "bdf2")
+_REFRESHED = 12  # times after which the slopes of the potential over the currents are found anew
+_ROUGH = 1e-2  # to which they are solved: they say where to start from [1]
 _EVEN = 1e-6  # to which the steps of BDF2 have to be equal [1]
 
 
@@ -100,6 +102,8 @@ def run_transient(
     flux[0], force[0], energy[0] = start.flux, start.force, start.energy
     older, old = start.potential, start.potential
     tangent = Tangent(model)
+    bends = np.diff(currents, 2, axis=0, prepend=currents[:1])
+    slopes = np.zeros((currents.shape[1], len(old)))
     for k in range(1, count):
         step = float(time_s[k] - time_s[k - 1])
         second = method == "bdf2" and k > 1
@@ -108,7 +112,10 @@ def run_transient(
         points = model.moved(float(x[k]))
         eddy = Eddy(mass, entries, rate, before)
         source = currents[k] @ model.coils
-        found = minimise(model, points, 2.0 * old - older, source, eddy, tangent)
+        near = 2.0 * old - older + bends[k - 1] @ slopes
+        found = minimise(model, points, near, source, eddy, tangent, NEAR)
+        if k % _REFRESHED == 1:
+            slopes = potential_slopes(model, found.tangent, _ROUGH)
         change = rate * (found.potential - before)
         joule[k] = float(change @ (mass @ change))
         flux[k], energy[k] = model.coils @ found.potential, found.energy
