@@ -45,6 +45,21 @@ def test_a_geometry_becomes_steps_of_its_valve():
     assert min(scaled) < found.loops[1.0].loss < max(scaled)
 
 
+def test_figures_of_several_draws_are_their_means_and_a_rise_lies_between_samples():
+    design, model = DoubleStroke(), find_designable()
+    computed = chain.compute_design(design, fidelity=QUICK)
+    numbers = model.of_design(computed[0])
+    of = chain.evaluate(design, model, fidelity=replace(QUICK, draws=3), computed=computed)
+    each = [model.loop(numbers, 0.25, {}, 0.0, k) for k in range(3)]
+    mean = of.loops[0.25]
+    assert len({one.overshoot for one in each}) == 3  # the draws are others
+    for name in ("overshoot", "settling_s", "graded_s", "error", "loss"):
+        assert getattr(mean, name) == pytest.approx(sum(getattr(o, name) for o in each) / 3)
+    assert mean.rise_s == pytest.approx(sum(o.rise_s for o in each) / 3, abs=1e-4)
+    assert mean.rise_s % 1e-4 > 1e-7
+    assert chain.evened(each[:1]) is each[0]
+
+
 def test_half_the_power_slows_the_largest_step_and_changes_no_field():
     design = DoubleStroke()
     curves = compute_map(design.section(), GRID)

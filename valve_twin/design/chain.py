@@ -25,9 +25,10 @@ from valve_twin.design.field import Trapezoid, make_model, run_transient
 from valve_twin.design.map import MapGrid, compute_map, unlike
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from valve_twin.core.physics.coenergy import CoenergyMap
+    from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.designed import Designable, Loop, Numbers
     from valve_twin.design.dynamics import Dynamics
     from valve_twin.design.geometry import DoubleStroke, Section
@@ -54,6 +55,7 @@ class Fidelity:
     fine: float = assumed(0.5, "1", "Of the transient field: elements along a line", 0.2, 6.0)
     skin: float = assumed(1e-3, "m", "Of it: elements at surfaces", 2e-5, 1.0)
     step: float = assumed(2e-4, "s", "Of it: step", 1e-7, 1e-2)
+    draws: int = assumed(1, "1", "Draws of the sensors' noise that figures are means of", 1, 1000)
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range."""
@@ -66,9 +68,11 @@ FIDELITIES = {
     "twice": Fidelity(replace(COARSE, fine=2.0 * COARSE.fine), fine=1.0, skin=5e-4, step=1e-4),
     "export": Fidelity(),
     "matched": Fidelity(MapGrid(fine=0.5, skin=1e-3)),
+    "evened": Fidelity(MapGrid(currents=5, positions=5, fine=0.4), fine=0.4, step=4e-4, draws=5),
 }
 """For many designs; of an evaluation; to check it, twice its elements along a line; of a file; map
-and eddy currents on one mesh, to look at dynamics alone."""
+and eddy currents on one mesh, to look at dynamics alone; for Sobol' indices, as one draw of the
+sensors' noise moves the loop as much as a dimension does."""
 
 FORMS = ("second_order", "eddies", "growing")
 """What stands beside static curves: G_A and G_F of paper 000, two branches of eddy currents fitted
@@ -273,9 +277,49 @@ def evaluate(
     if robust:
         corners = product((1.0 - VARIED, 1.0 + VARIED), repeat=len(SCALED))
         cases += [dict(zip(SCALED, corner, strict=True)) for corner in corners]
-    runs = [{share: valve.loop(numbers, share, case) for share in STEPS} for case in cases]
+    runs = [
+        {s: evened([valve.loop(numbers, s, case, 0.0, k) for k in range(of.draws)]) for s in STEPS}
+        for case in cases
+    ]
     margin = valve.force_margin(numbers)
     return Evaluation(numbers, designed, dynamics, runs[0], tuple(runs[1:]), margin)
+
+
+def evened(loops: Sequence[Loop]) -> Loop:
+    """Return a step whose figures are means of several draws; signals are those of the first.
+
+    A rise is then told within the samples, by straight lines between them.
+
+    Parameters
+    ----------
+    loops : sequence of Loop
+        The same step from the middle.
+    """
+    if len(loops) == 1:
+        return loops[0]
+    return replace(
+        loops[0],
+        rise_s=float(np.mean([_rise(of) for of in loops])),
+        overshoot=float(np.mean([of.overshoot for of in loops])),
+        settling_s=float(np.mean([of.settling_s for of in loops])),
+        graded_s=float(np.mean([of.graded_s for of in loops])),
+        error=float(np.mean([of.error for of in loops])),
+        loss=float(np.mean([of.loss for of in loops])),
+    )
+
+
+def _rise(of: Loop) -> float:
+    if not math.isfinite(of.rise_s):
+        return of.rise_s
+    shown = dict(of.rows)["position [mm]"]
+    place = shown["x"] / shown["wanted"]
+    low, high = (_crossed(of.time_s, place, level) for level in (0.1, 0.9))
+    return high - low
+
+
+def _crossed(time_s: FloatArray, place: FloatArray, level: float) -> float:
+    k = max(int(np.argmax(place >= level)), 1)
+    return float(np.interp(level, place[k - 1 : k + 1], time_s[k - 1 : k + 1]))
 
 
 def _matched(

@@ -11,14 +11,21 @@ import pytest
 
 from valve_twin.design.field import make_model, solve_field
 from valve_twin.design.field.kernel import assemble
-from valve_twin.design.geometry import DoubleStroke, read_design
+from valve_twin.design.geometry import DoubleStroke, Section, read_design
+from valve_twin.design.materials import Magnet
+
+
+def pot(root):
+    section = read_design(root / "samples" / "design" / "pot_magnet.yaml")
+    assert isinstance(section, Section)
+    return section
 
 
 @pytest.mark.parametrize("position", [0.0, 0.5e-3])
 def test_form_and_varying_triangles_are_the_field_of_all(position, root):
     for section, there in (
         (DoubleStroke().section(), position),
-        (read_design(root / "samples" / "design" / "pot_magnet.yaml"), 0.0),  # with a magnet
+        (pot(root), 0.0),  # with a magnet
     ):
         model = make_model(section, 0.3)
         found = solve_field(model, [1.5, 0.4][: len(section.coils)], there)
@@ -42,8 +49,9 @@ def test_form_and_varying_triangles_are_the_field_of_all(position, root):
 
 
 def test_the_form_knows_the_magnets_remanence(root):
-    section = read_design(root / "samples" / "design" / "pot_magnet.yaml")
+    section = pot(root)
     magnet = section.materials["magnet"]
+    assert isinstance(magnet, Magnet)
     weaker = replace(
         section,
         materials={**section.materials, "magnet": replace(magnet, remanence=magnet.remanence / 2)},

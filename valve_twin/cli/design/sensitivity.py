@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -94,7 +94,8 @@ def add_study(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=seed_number, default=0, metavar="N", help="of --sobol")
     parser.add_argument(
         "--fidelity", default="search", metavar="NAME",
-        help="fields: search (coarse, default), usual or twice",
+        help="fields: search (coarse, default), usual or twice; with search, --sobol takes "
+        "evened: the loop's figures as means of five draws of the sensors' noise",
     )  # fmt: skip
     parser.add_argument(
         "--archive", metavar="FILE", help="evaluated designs, kept and used; as of optimise"
@@ -189,7 +190,10 @@ def run_study(
         names = tuple(arguments.of) or _strongest(middle, effects)
         with progress_of("all together", arguments.sobol) as advance:
             seed, count = arguments.seed, arguments.sobol
-            indices = sobol_indices(study(advance), names, count, share=share, seed=seed)
+            together = study(advance)
+            if together.fidelity == "search":
+                together = replace(together, fidelity="evened")
+            indices = sobol_indices(together, names, count, share=share, seed=seed)
     return middle, effects, indices
 
 

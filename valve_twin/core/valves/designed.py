@@ -181,7 +181,12 @@ class Designable(Protocol):
         ...
 
     def loop(
-        self, numbers: Numbers, share: float, changes: Mapping[str, float], start: float = 0.0
+        self,
+        numbers: Numbers,
+        share: float,
+        changes: Mapping[str, float],
+        start: float = 0.0,
+        draw: int = 0,
     ) -> Loop:
         """Follow a step of the setpoint, by default from the middle.
 
@@ -195,6 +200,8 @@ class Designable(Protocol):
             Factors of `SCALED` [1].
         start : float
             Where the valve rests before it, likewise [1].
+        draw : int
+            Which draw of the sensors' noise.
         """
         ...
 

@@ -112,9 +112,9 @@ def evaluate_task(task: DesignTask) -> Outcome:
         valve = find_designable(task.valve)
         solenoid = replace(task.design, valve=Surroundings())
         grid = reaching(fidelity.grid, task.design)
-        designed, dynamics = _fields_of(solenoid, replace(fidelity, grid=grid))
+        designed, dynamics = _fields_of(solenoid, replace(fidelity, grid=grid, draws=1))
         designed = replace(designed, around=task.design.valve)
-        found = evaluate(task.design, valve, computed=(designed, dynamics))
+        found = evaluate(task.design, valve, fidelity=fidelity, computed=(designed, dynamics))
         figures, curves = figures_of(task.design, found), _curves(found.designed.curves)
     except Exception as err:  # one bad design must not stop the others
         kind = "" if isinstance(err, ValueError) else f"{type(err).__name__}: "

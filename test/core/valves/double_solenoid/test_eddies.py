@@ -211,6 +211,20 @@ def test_a_tolerance_of_the_branches_widens_what_the_motion_tells():
     assert half[1] > 1.1 * half[0]  # by what a cycle leaves open
 
 
+@pytest.mark.no_cover
+def test_a_growth_that_the_twin_does_not_know_exactly_is_a_doubt_of_the_friction():
+    (cycle,) = cycles_of(GROWN, 1, 7)
+    half = []
+    for width in (0.0, 0.5):
+        (found,) = MODEL.estimate(cycle, options_for(GROWN, **{"tolerances.eddies.growth": width}))
+        of = {p.name: p for p in found.parameters}["friction"]
+        assert of.lower_95 <= GROWN.friction <= of.upper_95
+        half.append(of.upper_95 - of.lower_95)
+    assert half[1] > 1.1 * half[0]
+    names = constants_of(options_for(GROWN)).names
+    assert [n for n in names if "growth" in n] == ["eddies.growth"]
+
+
 def test_without_them_no_constant_of_theirs_is_in_doubt():
     assert not [n for n in constants_of(options_for(DoubleSolenoidPlant())).names if "eddies" in n]
     assert [n for n in constants_of(options_for(STIFF)).names if "eddies" in n] == [

@@ -109,7 +109,11 @@ def plant_of(numbers: Numbers) -> DoubleSolenoidPlant:
 
 
 def follow_step(
-    numbers: Numbers, share: float, changes: Mapping[str, float], start: float = 0.0
+    numbers: Numbers,
+    share: float,
+    changes: Mapping[str, float],
+    start: float = 0.0,
+    draw: int = _SEED,
 ) -> Loop:
     """Follow a step of the setpoint for 80 ms; see `Designable.loop`.
 
@@ -126,6 +130,8 @@ def follow_step(
         Factors of friction, supply and copper [1].
     start : float
         Where the valve rests before it, likewise [1].
+    draw : int
+        Seed of the noise of the position.
 
     Raises
     ------
@@ -142,7 +148,7 @@ def follow_step(
     )
     gains = plant.current_gains()
     gains = gains._replace(supply=gains.supply * changes.get("supply", 1.0))
-    observer = plant.observer.numbers(float(plant.current_quantum), _SEED)
+    observer = plant.observer.numbers(float(plant.current_quantum), draw)
     state, o = np.split(plant.initial_state(), 2)
     rest = _REACHED if start else _REST
     work, states = o.copy(), np.empty((rest + _FOLLOWED + 1, len(state)))

@@ -229,10 +229,11 @@ class DoubleSolenoidModel(CompiledModel):
         return numbers_of(found)
 
     def loop(
-        self, numbers: Numbers, share: float, changes: Mapping[str, float], start: float = 0.0
-    ) -> Loop:
+        self, numbers: Numbers, share: float, changes: Mapping[str, float], start: float = 0.0,
+        draw: int = 0,
+    ) -> Loop:  # fmt: skip
         """Follow a step of the setpoint, parameters as `Designable.loop`."""
-        return follow_step(numbers, share, changes, start)
+        return follow_step(numbers, share, changes, start, draw)
 
     def force_margin(self, numbers: Numbers) -> float:
         """Return the force that is left, as `Designable.force_margin`."""

@@ -81,7 +81,7 @@ EddyTolerances = tolerance_section(
     "EddyTolerances",
     __name__,
     EddyConfig,
-    {"gain_1": 0.05, "time_1": 0.05, "gain_2": 0.05, "time_2": 0.05},
+    {"gain_1": 0.05, "time_1": 0.05, "gain_2": 0.05, "time_2": 0.05, "growth": 0.05},
 )
 
 
