@@ -135,9 +135,8 @@ def with_returns(
         told = np.flatnonzero(own & known)
         parts = np.zeros(len(told), dtype=np.int64)
         if len(told) >= 2 * _FEWEST:
-            longest_s = _LONGEST_S
-            if period_s is not None and np.isfinite(period_s[told]).all():
-                longest_s = float(np.max(period_s[told]))
+            known_s = np.full(1, np.nan) if period_s is None else period_s[told]
+            longest_s = float(np.where(np.isfinite(known_s), known_s, _LONGEST_S).max())
             parts = products(returns_s[told], _SAMPLES * longest_s)
         found[told] = np.where(parts < 0, -1, last + 1 + parts)
         others = np.flatnonzero(own & ~known)
