@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,15 @@ if TYPE_CHECKING:
     from types import FrameType
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+_WHOLE = ("llvmlite", "numba.core.caching", "numba.core.codegen", "numba.core.cpu")
+"""Packages and modules that hand objects to a compiler in C++, which calls them back: broken off
+there, a compiled kernel lacks its code and the process crashes where it is bound."""
+
+_MAIN = threading.main_thread().ident or 0
+
+_AGAIN_S = 0.01
+"""Pause until a signal that came there is looked at again [s]."""
 
 
 class _Stop:
@@ -99,11 +109,25 @@ def _say_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
         sys.__unraisablehook__(unraisable)
 
 
+def _is_whole(frame: FrameType | None) -> bool:
+    """Return whether what runs must come to its end, see `_WHOLE`."""
+    while frame is not None:
+        name = str(frame.f_globals.get("__name__"))
+        if name in _WHOLE or name.partition(".")[0] in _WHOLE:
+            return True
+        frame = frame.f_back
+    return False
+
+
 def _on_signal(number: int, frame: FrameType | None) -> None:
-    del number, frame
     _Stop.requested = True
     if not _Stop.looping:
         leave(0)  # nothing is open yet
     if _Stop.breakable:
+        if _is_whole(frame):
+            again = threading.Timer(_AGAIN_S, signal.pthread_kill, (_MAIN, number))
+            again.daemon = True
+            again.start()
+            return
         _Stop.breakable = False
         raise KeyboardInterrupt
