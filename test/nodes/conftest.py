@@ -73,13 +73,13 @@ def ready_s(pid: int) -> float:
     return int(path.read_text().split()[1]) * 1e-9 if path.exists() else 0.0
 
 
-def all_ready_s(pid: int) -> float:
-    """Return how long all living threads of a process were ready and no core was free so far [s].
+def all_ready_s(*pids: int) -> float:
+    """Return how long all living threads of processes were ready and no core was free so far [s].
 
     Of those that waited at a time it is the sum.
     """
     waited_ns = 0
-    for task in Path(f"/proc/{pid}/task").iterdir():
+    for task in itertools.chain.from_iterable(Path(f"/proc/{pid}/task").iterdir() for pid in pids):
         with suppress(OSError):  # it has just ended, or nothing counts it
             waited_ns += int((task / "schedstat").read_text().split()[1])
     return waited_ns * 1e-9

@@ -91,7 +91,7 @@ def test_fifty_valves_of_one_file_bear_the_bad_ones_among_them(graph, tmp_path, 
         v_06={"model": "gone"},
         **COMMON,
     )
-    graph.spin_until(lambda: "/press/v_50: " in process.log, what="fifty valves to stand")
+    graph.wait_log(process, "/press/v_50: ")
     found = graph.record("/diagnostics", DiagnosticArray)
     feeders = {n: Feeder(graph, f"/press/v_{n:02d}", seed=n) for n in (1, 2, 4, 50)}
     topics = [f"/press/v_{n:02d}/twin/prediction" for n in (1, 50)]

@@ -45,7 +45,7 @@ def test_what_a_killed_server_missed_is_stored_when_both_are_back(graph, postgre
     assert len(list(tmp_path.glob("history-*/*"))) == 3
     postgres.start()
     twin = graph.start("twin", **plant.parameters)
-    graph.spin_until(lambda: "3 cycles that waited on disk are stored" in twin.log, 120.0, "word")
+    graph.wait_log(twin, "3 cycles that waited on disk are stored")
     assert plant.in_database() == list(range(1, 10))
     assert not list(tmp_path.glob("history-*/*"))
 

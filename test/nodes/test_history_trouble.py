@@ -190,7 +190,7 @@ def test_a_killed_monitor_takes_nothing_along(graph, database):
     cycles = 0
     for _ in range(3):
         monitor = graph.start("aging_monitor", retry_s=0.1)
-        graph.spin_until(lambda node=monitor: "is active" in node.log, 120.0, "a monitor")
+        graph.wait_log(monitor, "is active")
         plant.feed(2)
         cycles += 2
         graph.spin_until(
@@ -247,7 +247,7 @@ def test_the_twin_ends_in_time_while_the_database_is_locked(graph, database):
 def test_one_valve_has_one_twin(graph, database):
     plant = Plant(graph, database)
     second = graph.start("twin", extra=["-r", "__node:=second"], **plant.parameters)
-    graph.spin_until(lambda: "cannot configure" in second.log, 120.0, "a refusal")
+    graph.wait_log(second, "cannot configure")
     said = next(line for line in second.log.splitlines() if "cannot configure" in line)
     assert f"{NS} is already written by process {plant.twin.pid} on" in said
     assert second.process.poll() is None

@@ -226,7 +226,7 @@ def test_an_overrun_of_the_queue_is_counted_to_the_message(graph, tmp_path):
 def test_a_subscriber_that_takes_nothing_does_not_slow_the_twin(graph, tmp_path):
     twin = Watched(graph, tmp_path)
     viewer = graph.start("aging_monitor")
-    graph.spin_until(lambda: "is active" in viewer.log, 120.0, "the viewer")
+    graph.wait_log(viewer, "is active")
     lazy = graph.stranger("viewer")
     from valve_twin_msgs.msg import Prediction
 

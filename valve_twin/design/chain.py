@@ -62,13 +62,15 @@ class Fidelity:
         check_quantities(self)
 
 
+_SEARCH = Fidelity(MapGrid(currents=5, positions=5, fine=0.4), fine=0.4, step=4e-4)
+
 FIDELITIES = {
-    "search": Fidelity(MapGrid(currents=5, positions=5, fine=0.4), fine=0.4, step=4e-4),
+    "search": _SEARCH,
     "usual": Fidelity(COARSE),
     "twice": Fidelity(replace(COARSE, fine=2.0 * COARSE.fine), fine=1.0, skin=5e-4, step=1e-4),
     "export": Fidelity(),
     "matched": Fidelity(MapGrid(fine=0.5, skin=1e-3)),
-    "evened": Fidelity(MapGrid(currents=5, positions=5, fine=0.4), fine=0.4, step=4e-4, draws=5),
+    "evened": replace(_SEARCH, draws=5),
 }
 """For many designs; of an evaluation; to check it, twice its elements along a line; of a file; map
 and eddy currents on one mesh, to look at dynamics alone; for Sobol' indices, as one draw of the

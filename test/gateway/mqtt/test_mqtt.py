@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import queue
-import socket
 import threading
 import time
 from types import SimpleNamespace
@@ -16,6 +15,7 @@ pytest.importorskip("paho.mqtt.client", reason="needs the extra gateway")
 
 from paho.mqtt.client import CONNACK_ACCEPTED, MQTT_ERR_NO_CONN, MQTTMessage
 
+from test.ports import free_port
 from valve_twin.gateway.mqtt import face
 from valve_twin.gateway.mqtt.broker import Broker, Message
 from valve_twin.gateway.view import View
@@ -144,9 +144,7 @@ def test_an_error_of_ours_before_a_connection_ends_no_thread(monkeypatch, caplog
             raise KeyError(len(looks))
         return View()
 
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        broker = Broker(f"mqtt://127.0.0.1:{free.getsockname()[1]}")
+    broker = Broker(f"mqtt://127.0.0.1:{free_port()}")
     own = face.MqttFace(view, broker, Speaker())
     own.start()
     end_s = time.monotonic() + 60.0
@@ -218,12 +216,9 @@ def test_a_broker_that_is_gone_for_a_day_is_told_once_and_tried_twice_a_minute(
             told._end.set()
 
     threads = threading.active_count()
-    with socket.socket() as held:  # bound, and never listened on
-        held.bind(("127.0.0.1", 0))
-        port = held.getsockname()[1]  # else one of 2880 tries may get it and talk to itself
-        told = face.MqttFace(View, Broker(f"mqtt://127.0.0.1:{port}"), speaker)
-        monkeypatch.setattr(told._end, "wait", wait)
-        told._run()
+    told = face.MqttFace(View, Broker(f"mqtt://127.0.0.1:{free_port()}"), speaker)
+    monkeypatch.setattr(told._end, "wait", wait)
+    told._run()
     assert max(pauses) <= 1.2 * face.LONGEST_PAUSE_S
     assert len(pauses) == pytest.approx(86_400.0 / face.LONGEST_PAUSE_S, rel=0.05)
     assert [r.getMessage().partition("; ")[2] for r in caplog.records] == ["trying again"]

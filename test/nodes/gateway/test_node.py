@@ -338,7 +338,7 @@ def test_a_gateway_waits_for_its_disk_and_for_its_history_and_shows_both_faces_t
             mqtt="mqtt://127.0.0.1:1",
             mqtt_state=str(disk.place / "marks" / "state"),
         )
-        graph.spin_until(lambda: "cannot be written" in made.log, what="a word of the disk")
+        graph.wait_log(made, "cannot be written")
         graph.spin_until(lambda: "no such file: check the path; waiting" in made.log, 60.0, "it")
         graph.spin_until(
             lambda: any(
@@ -361,7 +361,7 @@ def test_a_gateway_waits_for_its_disk_and_for_its_history_and_shows_both_faces_t
         graph.spin_until(lambda: f"{path}: is read" in made.log, 60.0, "a word of it")
         disk.mount("remount,rw")
         graph.spin_until((disk.place / "marks" / "state").exists, what="the marks")
-        graph.spin_until(lambda: "MQTT to 127.0.0.1:1" in made.log, what="a word of it")
+        graph.wait_log(made, "MQTT to 127.0.0.1:1")
         graph.spin_until(lambda: pages() == [(OK, "ok")], 60.0, "it on /diagnostics")
         graph.wait_log(made, "state: cannot be written: Read-only file system: make the disk")
         assert "cannot activate" not in made.log

@@ -32,11 +32,6 @@ LATER_NS = START_NS + 10**15
 UNCERTAIN, BAD_SENSOR = 0x40930000, 0x80320000  # LastUsableValue; BadWaitingForInitialData
 
 
-def without_a_core_s(*pids: int) -> float:
-    """Return how long all threads of processes were ready and no core was free so far [s]."""
-    return sum(map(all_ready_s, pids))
-
-
 class Client:
     """A subscription and what it took."""
 
@@ -56,11 +51,11 @@ class Client:
     def until(self, condition, most_s=60.0, beside: int = 0) -> float:
         """Wait for a condition; return how long it took with a core free for us and for a PLC."""
         pids = (os.getpid(), *filter(None, [beside]))
-        begun, waited_s = time.monotonic(), without_a_core_s(*pids)
+        begun, waited_s = time.monotonic(), all_ready_s(*pids)
         while not condition():
             assert time.monotonic() < begun + most_s, self.figures
             time.sleep(0.02)
-        return time.monotonic() - begun - (without_a_core_s(*pids) - waited_s)
+        return time.monotonic() - begun - (all_ready_s(*pids) - waited_s)
 
     def stamps(self, tag=0):
         return [s.stamp_ns for s in self.take() if s.tag == tag and s.stamp_ns < LATER_NS]

@@ -111,7 +111,7 @@ def ended_in_s(process: NodeProcess, number: signal.Signals) -> float:
 def test_a_second_interrupt_during_the_end_does_no_harm(graph, parameters):
     process = graph.start("twin", **parameters["twin"])
     graph.spin_until(lambda: "twin" in graph.node.get_node_names(), what="the node")
-    graph.spin_until(lambda: "cycles go on from" in process.log, what="the configuration")
+    graph.wait_log(process, "cycles go on from")
     process.process.send_signal(signal.SIGINT)
     while process.process.poll() is None:
         process.process.send_signal(signal.SIGINT)
@@ -125,7 +125,7 @@ def test_a_second_interrupt_during_the_end_does_no_harm(graph, parameters):
 def test_a_signal_after_the_shutdown_by_service_ends_the_process(graph, parameters, name, number):
     process = graph.start(name, **parameters[name])
     end = Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN)
-    graph.spin_until(lambda: "is active" in process.log, what="the node")
+    graph.wait_log(process, "is active")
     assert graph.call(ChangeState, f"{NS}/{name}/change_state", transition=end).success
     assert process.end(number) == 0
     assert "Traceback" not in process.log

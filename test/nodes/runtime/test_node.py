@@ -57,7 +57,7 @@ def test_a_node_ends_within_5_s_after_thousands_of_jumps(graph, tmp_path, name, 
     predictions = graph.record(f"{NS}/twin/prediction", Prediction)
     clocks = [graph.node.create_publisher(Clock, "/clock", 10) for _ in range(2)]
     graph.spin_until(clocks[0].get_subscription_count, what="a listener")
-    graph.spin_until(lambda: "is active" in node.log, what="an active node")
+    graph.wait_log(node, "is active")
     feeder = None
     if name == "twin":
         graph.be_heard(f"{NS}/twin")

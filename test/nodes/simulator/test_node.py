@@ -196,6 +196,6 @@ def test_aging_can_be_set_while_it_runs(graph):
 def test_what_is_not_compiled_yet_is_compiled_before_it_is_active(graph, tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     simulated = graph.start("simulated_valve", fresh=True, model="first_order", period_s=0.05)
-    graph.spin_until(lambda: "is active" in simulated.log, 120.0, "the valve")
+    graph.wait_log(simulated, "is active")
     told, active = "numerical kernels were not compiled yet", "is active"
     assert 0 <= simulated.log.find(told) < simulated.log.find(active)

@@ -397,7 +397,7 @@ def figures(diagnostics):
 
 def without_a_core_s(twin):
     """Return how long twin and this process, all threads, have waited for a core so far [s]."""
-    return all_ready_s(twin.pid) + all_ready_s(os.getpid())
+    return all_ready_s(twin.pid, os.getpid())
 
 
 def silence_s(graph, feeder, found, twin):

@@ -40,6 +40,9 @@ RETURNS = "returns"
 PERIOD = "period"
 """Name of the number that is the time between the samples of a cycle [s]."""
 
+USUAL_PERIODS_S = (0.02, 0.04)
+"""Between which the time between samples lies where a cycle does not tell it, assumed [s]."""
+
 NEXT_CYCLE = "the next cycle"
 """Name of the check that the model of the cycles before follows a cycle better than its mean."""
 

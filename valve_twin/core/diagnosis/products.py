@@ -12,7 +12,8 @@ import numpy as np
 
 from valve_twin.core.diagnosis.changes.finding import CLOCK, Finding
 from valve_twin.core.diagnosis.changes.kept import kept
-from valve_twin.core.diagnosis.features import DELAYS, TIMED
+from valve_twin.core.diagnosis.changes.slips import SLIP
+from valve_twin.core.diagnosis.features import DELAYS, TIMED, USUAL_PERIODS_S
 from valve_twin.core.estimation.data.robust import robust_sigma
 
 if TYPE_CHECKING:
@@ -28,10 +29,6 @@ _ALIKE = 0.01
 _NEAR, _CLEAR = 0.006, 1.4
 """Relative gap between two products that are nearer than that, which is so many times as wide as
 each of them [1]: a sample more or less of a logger of 40 ms is 0.005 of 8 s."""
-
-_SAMPLES, _LONGEST_S = 1.5, 0.04
-"""Least gap between the times of return of two programs [samples]: from when on a command is
-logged jumps by a sample. The time between them where no cycle tells it, assumed [s]."""
 
 _FEWEST = 5
 """Fewest cycles of a product."""
@@ -136,8 +133,8 @@ def with_returns(
         parts = np.zeros(len(told), dtype=np.int64)
         if len(told) >= 2 * _FEWEST:
             known_s = np.full(1, np.nan) if period_s is None else period_s[told]
-            longest_s = float(np.where(np.isfinite(known_s), known_s, _LONGEST_S).max())
-            parts = products(returns_s[told], _SAMPLES * longest_s)
+            longest_s = float(np.where(np.isfinite(known_s), known_s, USUAL_PERIODS_S[1]).max())
+            parts = products(returns_s[told], SLIP[1] * longest_s)  # a sample is no gap
         found[told] = np.where(parts < 0, -1, last + 1 + parts)
         others = np.flatnonzero(own & ~known)
         if parts.max(initial=0) == 0:  # one program, odd cycles aside

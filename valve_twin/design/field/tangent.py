@@ -23,10 +23,8 @@ if TYPE_CHECKING:
 
 _MANY = 6  # iterations after which the next tangent gets factors of its own
 _MOST = 12  # iterations after which this one does
-_BENT = (
-    1.0  # energy of what a step leaves over that of the step, over its share of the field's [1]
-)
-_LOOSEST = 1e-2  # the same at most [1]
+_LOOSEST = 1e-2
+"""Most of a step's energy that it may leave; else the share that it has of the field's [1]."""
 
 
 class Tangent:
@@ -89,7 +87,7 @@ def _iterate(
     found, rest = np.zeros(len(right)), right.copy()
     nearer = factors.solve(rest)
     along, left = nearer.copy(), float(rest @ nearer)
-    bent = min(_BENT * left / energy, _LOOSEST) if energy > 0.0 else 0.0
+    bent = min(left / energy, _LOOSEST) if energy > 0.0 else 0.0
     enough = max(close * close, bent) * left
     for count in range(_MOST + 1):
         if left <= enough:

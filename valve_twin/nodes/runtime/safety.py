@@ -85,7 +85,7 @@ class Guard:
         self._node = node
         self._real = not is_free(prefix)
         self._allowed = allow_live
-        self._looked_s, self._watched_s = math.inf, 0.0
+        self.watch_anew()
 
     def watch_anew(self) -> None:
         """Let the time before the first message begin again."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
-_WHOLE = ("llvmlite", "numba.core.caching", "numba.core.codegen", "numba.core.cpu")
+_WHOLE = ("llvmlite.", "numba.core.caching.", "numba.core.codegen.", "numba.core.cpu.")
 """Packages and modules that hand objects to a compiler in C++, which calls them back: broken off
 there, a compiled kernel lacks its code and the process crashes where it is bound."""
 
@@ -112,8 +112,7 @@ def _say_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
 def _is_whole(frame: FrameType | None) -> bool:
     """Return whether what runs must come to its end, see `_WHOLE`."""
     while frame is not None:
-        name = str(frame.f_globals.get("__name__"))
-        if name in _WHOLE or name.partition(".")[0] in _WHOLE:
+        if f"{frame.f_globals.get('__name__')}.".startswith(_WHOLE):
             return True
         frame = frame.f_back
     return False

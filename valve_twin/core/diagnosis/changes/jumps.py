@@ -37,8 +37,9 @@ def jumps_made(along: FloatArray, window: int) -> FloatArray:
     made = np.zeros_like(along)
     if len(along) <= 2 * BESIDE:
         return made
-    three = along[:-2] + along[1:-1] + along[2:]  # sums that begin with each row
-    jump = np.abs(three[BESIDE:-1] - three[: -BESIDE - 1]) / BESIDE
+    count = len(along) - BESIDE + 1
+    total = np.sum([along[k : count + k] for k in range(BESIDE)], axis=0)  # from each row on
+    jump = np.abs(total[BESIDE:-1] - total[: -BESIDE - 1]) / BESIDE
     made[2 * BESIDE :] = _newest_largest(jump, window)
     return made
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.features import TIMED
+from valve_twin.core.diagnosis.features import TIMED, USUAL_PERIODS_S
 from valve_twin.core.diagnosis.watch.growing import Growing, begins
 from valve_twin.core.estimation.data.robust import MAD_SCALE as _MAD
 from valve_twin.kernels import njit
@@ -18,11 +18,8 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _RECENT = 8
-_SLIP = (0.6, 1.5)
+SLIP = (0.6, 1.5)
 """Jumps of a delay that a sample more or less can make, assumed [samples]."""
-
-_PERIODS_S = (0.02, 0.04)
-"""Between which the time between samples lies where a cycle does not tell it, assumed [s]."""
 
 _MOST_SLIPS = 2
 """Slips in `_RECENT` cycles above which a delay scatters, assumed."""
@@ -136,10 +133,10 @@ def take_out_slips(
             usual[i] = np.median(known[:count]) if count else np.nan
             off = np.abs(known[:count] - usual[i])
             scatter[i] = _MAD * np.median(off) if count else np.nan
-        shortest, longest = _PERIODS_S
+        shortest, longest = USUAL_PERIODS_S
         if np.isfinite(period_s[row]):
             shortest = longest = period_s[row]
-        least, most = _SLIP[0] * shortest, _SLIP[1] * longest
+        least, most = SLIP[0] * shortest, SLIP[1] * longest
         if paused[row]:
             due[:] = True
         off = timed[row] - shift - usual
