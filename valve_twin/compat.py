@@ -66,6 +66,7 @@ def load_types_alone() -> None:
         del sys.modules[generator]
 
 
+@cache
 def load_kernels_alone() -> None:
     """Let numba load a compiled kernel without being made ready to compile one: 0.15 s of CPU.
 
@@ -73,8 +74,7 @@ def load_kernels_alone() -> None:
     points of every installed package for extensions, and imports scipy.linalg only to learn that
     BLAS is there, which the code it makes looks up by itself when it is called for the first time.
     A kernel that no cache holds gets all but the last: numba refreshes before it compiles, too. It
-    imports coverage where it is installed. No issue is known. Goes when `load_overload` does not
-    refresh.
+    imports coverage where there is. No issue is known. Goes when `load_overload` does not refresh.
     """
     sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
     every = import_module("importlib.metadata").distributions()

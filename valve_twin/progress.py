@@ -4,19 +4,17 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections import deque
 from contextlib import contextmanager
 from threading import Event, Thread
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rich.progress import TaskID
+    from rich.progress import Progress, TaskID
 
 _EVERY_S = 60.0  # a line where no bar can be shown
 _RECENT = 32  # steps whose pace tells the time that remains
@@ -77,13 +75,13 @@ def progress(what: str, total: int | None, every_s: float = _EVERY_S) -> Iterato
     every_s : float
         Time between lines where standard error is no terminal [s].
     """
-    console = Console(stderr=True)
     steps, ended = Steps(what, total), Event()
-    if not console.is_terminal:
+    if not sys.stderr.isatty():
 
         def tell() -> None:
             while not ended.wait(every_s):
-                console.print(steps.line(), markup=False, highlight=False, soft_wrap=True)
+                sys.stderr.write(f"{steps.line()}\n")
+                sys.stderr.flush()
 
         told = Thread(target=tell, daemon=True)
         told.start()
@@ -93,12 +91,21 @@ def progress(what: str, total: int | None, every_s: float = _EVERY_S) -> Iterato
             ended.set()
             told.join()
         return
+    from rich.console import Console  # with what it needs 70 ms of CPU
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
     bar = Progress(
         TextColumn(what),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        console=console,
+        console=Console(stderr=True),
         transient=True,
     )
     with bar:

@@ -14,6 +14,7 @@ from valve_twin import __version__
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
 from valve_twin.cli.output import shown
 from valve_twin.io.errors import ConfigError, IndexLiesError, ValveTwinError, unusable
+from valve_twin.io.uncollected import rarely_collected
 
 if TYPE_CHECKING:
     import argparse
@@ -50,6 +51,12 @@ VERBS = {
 }
 """Module of each verb, in the order of the help."""
 
+_COMPUTE = {
+    *("simulate", "configure", "estimate", "report", "verify", "batch", "fleet", "history"),
+    *("reference", "predict", "stroke-test", "budget", "backtest", "export-fmu", "check-valve"),
+}
+"""Verbs whose kernels come compiled from the installation; the others load none or compile."""
+
 TRACE = "VALVE_TWIN_TRACE"
 """Environment variable that shows where something unexpected happened."""
 
@@ -70,8 +77,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     if logging.lastResort is not None:  # what the package warns of names foreign things, too
         logging.lastResort.setFormatter(_Shown())
     given = sys.argv[1:] if argv is None else argv
+    with rarely_collected():
+        return _run(given)
+
+
+def _run(given: Sequence[str]) -> int:
     arguments = _parser(given[0] if given else "").parse_args(given)
     verb: Callable[[argparse.Namespace], int] = arguments.run
+    if arguments.verb in _COMPUTE:
+        from valve_twin.compat import load_kernels_alone
+
+        load_kernels_alone()
     try:
         try:
             code = verb(arguments)

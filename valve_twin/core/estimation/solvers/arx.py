@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.prediction import fit_percent
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -54,18 +55,22 @@ class Arx:
         y : (N,) array
             Output, of which only the first samples are used [its unit].
         """
-        from scipy.signal import lfilter, lfiltic
-
         order, n = len(self.a), len(u)
         drive = np.full(n, self.level)
         for b, one in zip(self.b, u.reshape(n, -1).T, strict=True):
-            late = np.concatenate([np.full(self.delay, one[0]), one])[:n]
-            drive += lfilter(b, [1.0], late, zi=lfiltic(b, [1.0], [], [one[0]] * order))[0]
-        backward = np.concatenate([[1.0], self.a])
-        state = lfiltic([1.0], backward, y[:order][::-1])
-        rest = lfilter([1.0], backward, drive[order:], zi=state)[0]
-        whole: FloatArray = np.concatenate([y[:order], rest])
+            late = np.concatenate([np.full(self.delay + order - 1, one[0]), one])
+            drive += np.convolve(late, b, "valid")[:n]
+        whole = np.concatenate([y[:order], drive[order:]])
+        _run_on(self.a, whole)
         return whole
+
+
+@njit(cache=True)
+def _run_on(a: FloatArray, y: FloatArray) -> None:
+    """Let each value after the first P, now its drive alone, follow from the P before it."""
+    for n in range(len(a), len(y)):
+        for i in range(len(a)):
+            y[n] -= a[i] * y[n - 1 - i]
 
 
 def fit_arx(
