@@ -149,7 +149,7 @@ setup(
     extras_require={
         "cvxpy": ["cvxpy"],
         "dask": ["distributed"],
-        "design": ["ezdxf", "pymoo", "salib", "scikit-fem"],
+        "design": ["distributed", "ezdxf", "pymoo", "salib", "scikit-fem"],
         "fast": ["isal"],
         "files": ["asammdf", "charset-normalizer", "h5py", "nptdms", "openpyxl"],
         "fmu": ["fmpy", "ziglang"],

@@ -479,6 +479,15 @@ def test_every_import_is_of_a_package_that_setup_names() -> None:
         assert ros or known in modules, module
 
 
+def test_the_extra_of_the_design_holds_all_that_its_steps_take() -> None:
+    (extra,) = re.findall(r'"design": (\[.*?\])', (ROOT / "setup.py").read_text(encoding="utf-8"))
+    named = {IMPORTED_AS.get(n, n).lower().replace("-", "_") for n in ast.literal_eval(extra)}
+    core = {IMPORTED_AS.get(n, n).lower() for n in listed("install_requires")}
+    taken = {m.lower() for m in imported("valve_twin/design", "valve_twin/cli/design")}
+    assert taken - core <= named
+    assert "distributed" in named  # --scheduler of optimise and sensitivity
+
+
 def test_every_package_of_an_extra_stands_in_a_pip_line() -> None:
     page = (ROOT / "docs" / "operation.md").read_text(encoding="utf-8")
     named = {n for line in re.findall(r"`([^`|]*)` \|", page) for n in re.split(r"[\s\"]+", line)}

@@ -56,6 +56,7 @@ class Fidelity:
     skin: float = assumed(1e-3, "m", "Of it: elements at surfaces", 2e-5, 1.0)
     step: float = assumed(2e-4, "s", "Of it: step", 1e-7, 1e-2)
     draws: int = assumed(1, "1", "Draws of the sensors' noise that figures are means of", 1, 1000)
+    stretched: bool = False  # changed designs on the stretched mesh of the one that they change
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range."""
@@ -70,11 +71,12 @@ FIDELITIES = {
     "twice": Fidelity(replace(COARSE, fine=2.0 * COARSE.fine), fine=1.0, skin=5e-4, step=1e-4),
     "export": Fidelity(),
     "matched": Fidelity(MapGrid(fine=0.5, skin=1e-3)),
-    "evened": replace(_SEARCH, draws=5),
+    "evened": replace(_SEARCH, draws=5, stretched=True),
 }
 """For many designs; of an evaluation; to check it, twice its elements along a line; of a file; map
-and eddy currents on one mesh, to look at dynamics alone; for Sobol' indices, as one draw of the
-sensors' noise moves the loop as much as a dimension does."""
+and eddy currents on one mesh, to look at dynamics alone; for sensitivities, as one draw of the
+sensors' noise moves the loop as much as a dimension does, and a line of the mesh more or less the
+fields."""
 
 FORMS = ("second_order", "eddies", "growing")
 """What stands beside static curves: G_A and G_F of paper 000, two branches of eddy currents fitted
@@ -176,6 +178,7 @@ def compute_design(
     advance: Callable[[], None] = lambda: None,
     form: str = USUAL_FORM,
     valve: Designable | None = None,
+    like: DoubleStroke | None = None,
 ) -> tuple[Designed, tuple[Dynamics, Dynamics]]:
     """Compute what a valve needs of a double-stroke solenoid.
 
@@ -194,6 +197,8 @@ def compute_design(
         moving ones, G_A and G_F are found as well.
     valve : Designable, optional
         Whose steps growing is fitted to, default the only one.
+    like : DoubleStroke, optional
+        Whose mesh is stretched to the design, default a mesh of its own.
 
     Raises
     ------
@@ -205,6 +210,8 @@ def compute_design(
         message = f"dynamics '{form}': must be one of {', '.join(FORMS)}"
         raise ValueError(message)
     section, of = design.section(), fidelity or FIDELITIES["export"]
+    if like is not None:
+        section = replace(section, like=like.section())
     if curves is None:
         curves = compute_map(section, reaching(of.grid, design), advance)
     else:

@@ -4,9 +4,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from valve_twin.design.field import make_model, solve_field
 from valve_twin.design.field.grid import make_grid
 from valve_twin.design.geometry import DoubleStroke, Region, Section, read_design
 from valve_twin.design.geometry.section import area
@@ -51,6 +54,63 @@ def test_the_sample_with_one_coil_is_meshed_as_well(root):
     section = read_design(root / "samples" / "design" / "pot_magnet.yaml")
     assert isinstance(section, Section)
     assert make_grid(section, 0.5).triangles.shape[1] > 500
+
+
+def like_the_reference(**changes):
+    return replace(DoubleStroke(**changes).section(), like=SECTION)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"gap_ratio": 0.2}, {"overlap_ratio": 0.3}, {"tip_ratio": 0.25}, {"turns": 350}]
+)
+def test_a_section_like_another_has_its_mesh_stretched(changes):
+    known = make_grid(SECTION, 0.4, 1e-3)
+    found = make_grid(like_the_reference(**changes), 0.4, 1e-3)
+    assert (found.triangles == known.triangles).all()
+    assert (found.region == known.region).all()
+    assert np.abs(found.points - known.points).max() > 1e-5
+    found = make_grid(replace(SECTION, like=SECTION), 0.4, 1e-3)
+    assert (found.points == known.points).all()
+
+
+def test_corners_that_part_get_a_line_and_the_others_keep_theirs():
+    # collar and coil of the reference begin at one place
+    for ratio in (2.85, 3.15):
+        section = like_the_reference(armature_ratio=ratio)
+        found, known = make_grid(section, 0.4), make_grid(SECTION, 0.4)
+        assert len(found.lines_z) == len(known.lines_z) + 2
+        assert len(found.lines_r) == len(known.lines_r)
+        assert areas(found).sum() == pytest.approx(
+            section.radius * (section.high - section.low), rel=1e-12
+        )
+
+
+def test_other_parts_have_a_mesh_of_their_own():
+    own = make_grid(DoubleStroke(gap_ratio=0.2).section(), 0.4)
+    fewer = replace(SECTION, regions=SECTION.regions[:-1])
+    found = make_grid(replace(DoubleStroke(gap_ratio=0.2).section(), like=fewer), 0.4)
+    assert (found.points == own.points).all()
+
+
+def test_a_mesh_is_stretched_by_no_more_than_twice():
+    own = make_grid(DoubleStroke(coil_ratio=9.0).section(), 0.4)
+    found = make_grid(like_the_reference(coil_ratio=9.0), 0.4)
+    assert 0.5 * len(own.lines_z) < len(found.lines_z) < len(own.lines_z)
+
+
+def test_fields_on_a_stretched_mesh_change_evenly_with_a_dimension():
+    """A line of the mesh more or less moves the force by as much as a dimension does."""
+    ratios = 3.0 * np.linspace(0.97, 1.03, 9)
+    sections = [DoubleStroke(armature_ratio=r, collar_ratio=0.3).section() for r in ratios]
+    uneven = []
+    for like in (None, sections[4]):
+        models = [make_model(replace(s, like=like), 0.4) for s in sections]
+        force = np.array([solve_field(m, (2.0, 0.0)).force for m in models])
+        smooth = np.polynomial.Polynomial.fit(ratios, force, 2)(ratios)
+        uneven.append(np.abs(force - smooth).max() / force.mean())
+    own, stretched = uneven
+    assert stretched < 2e-5
+    assert own > 20.0 * stretched
 
 
 def test_edges_that_no_grid_can_follow_are_refused():

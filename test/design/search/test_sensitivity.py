@@ -66,6 +66,18 @@ def test_indices_are_those_of_the_closed_form_within_their_intervals(design, arc
         assert found.total[name][0] >= middle - 0.03
 
 
+def test_every_change_knows_the_design_that_it_changes(design, archive, stand_in):
+    seen = []
+
+    def run(tasks):
+        seen.extend(tasks)
+        return stand_in(tasks)
+
+    one_at_a_time(Study(design, archive, run), ("gap_ratio",))
+    assert [of.like for of in seen] == [design] * 3
+    assert {of.fidelity for of in seen} == {"evened"}
+
+
 def test_static_curves_and_poles_have_indices_beside_the_loop(design, archive):
     def smooth(tasks):
         for task in tasks:

@@ -43,7 +43,7 @@ def test_a_task_travels_and_gives_the_figures_of_the_chain(monkeypatch):
 def test_power_reaches_the_map(monkeypatch):
     asked = []
 
-    def fields_of(solenoid, fidelity):
+    def fields_of(solenoid, fidelity, like):
         asked.append(fidelity.grid.largest_current)
         raise ValueError
 
@@ -52,6 +52,21 @@ def test_power_reaches_the_map(monkeypatch):
         strong = changed(DoubleStroke(), {"valve.power": power})
         evaluate_task(DesignTask("a", strong, given=QUICK))
     assert asked == [3.0, 4.0]
+
+
+def test_only_a_sensitivity_stretches_the_mesh_of_what_it_changes(monkeypatch):
+    asked = []
+
+    def fields_of(solenoid, fidelity, like):
+        asked.append(like)
+        raise ValueError
+
+    monkeypatch.setattr(tasks, "_fields_of", fields_of)
+    start = DoubleStroke()
+    changes = {"gap_ratio": 0.2, "valve.preload": 10.0}
+    for name in ("evened", "search"):
+        evaluate_task(DesignTask("a", changed(start, changes), changes, "", name, like=start))
+    assert asked == [start, None]
 
 
 def test_a_broken_geometry_is_a_line_with_its_amount_and_costs_nothing():

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -93,9 +93,9 @@ def add_study(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--seed", type=seed_number, default=0, metavar="N", help="of --sobol")
     parser.add_argument(
-        "--fidelity", default="search", metavar="NAME",
-        help="fields: search (coarse, default), usual or twice; with search, --sobol takes "
-        "evened: the loop's figures as means of five draws of the sensors' noise",
+        "--fidelity", default="evened", metavar="NAME",
+        help="fields: evened (default: coarse, all on the stretched mesh of the design itself, "
+        "the loop's figures as means of five draws of the sensors' noise), search, usual or twice",
     )  # fmt: skip
     parser.add_argument(
         "--archive", metavar="FILE", help="evaluated designs, kept and used; as of optimise"
@@ -189,11 +189,9 @@ def run_study(
             return middle, effects, ()
         names = tuple(arguments.of) or _strongest(middle, effects)
         with progress_of("all together", arguments.sobol) as advance:
-            seed, count = arguments.seed, arguments.sobol
-            together = study(advance)
-            if together.fidelity == "search":
-                together = replace(together, fidelity="evened")
-            indices = sobol_indices(together, names, count, share=share, seed=seed)
+            indices = sobol_indices(
+                study(advance), names, arguments.sobol, share=share, seed=arguments.seed
+            )
     return middle, effects, indices
 
 

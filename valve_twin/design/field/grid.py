@@ -5,7 +5,8 @@
 Lines run through every corner of every region, and each cell is cut into two triangles. A slanted
 edge is followed by the diagonals of the cells that it crosses: its lines in r are the images of
 its lines in z. Where the section is a mirror of itself the mesh is so to the last bit, so that
-opposite forces cancel.
+opposite forces cancel. How many lines stand between two corners changes by whole ones with their
+distance; a section that is `like` another has as many as that, so that its fields change evenly.
 """
 
 from __future__ import annotations
@@ -97,30 +98,71 @@ def make_grid(section: Section, fine: float = 1.0, skin: float = math.inf) -> Gr
     if not skin > _LEAST_SKIN:
         message = f"skin = {skin:g}: must be above {_LEAST_SKIN:g} [m]"
         raise ValueError(message)
-    near = _SAME * max(section.radius, section.high - section.low)
     edges = _slanted(section)
-    base_r, base_z = _base_lines(section)
-    middle = 0.5 * (section.low + section.high)
-    mirror = np.abs(np.sort(base_z) + np.sort(base_z)[::-1] - 2.0 * middle).max() < near
-    if mirror:
-        base_z = np.append(base_z, middle)
-    base_r, base_z = _closed(base_r, base_z, edges, near)
-    widest = max(r for region in section.regions for r, _ in region.outline) / _WIDEST / fine
-    r_sizes, z_sizes = _wanted(section, fine)
-    growth = _GROWTH / fine
-    z = _divided(base_z, z_sizes, (widest, min(_AT_CORNER * widest, skin), growth))
-    kept = [(min(e.r0, e.r1), max(e.r0, e.r1)) for e in edges]
-    r = _divided(base_r, r_sizes, (widest, min(_AT_CORNER * widest, skin), growth), kept)
-    r, z = _closed(r, z, edges, near)
-    if mirror:
-        z = middle + 0.5 * (z - z[::-1])
+    r, z = _lines(section, fine, skin, edges)
     if len(r) * len(z) > _MOST_CELLS:
         message = (
             f"the corners ask for {len(r)} times {len(z)} grid lines, more than {_MOST_CELLS} "
             "cells: let corners share radii or places on the axis, or lower fine"
         )
         raise ValueError(message)
-    return _cut(section, r, z, edges, near)
+    return _cut(section, r, z, edges, _near(section))
+
+
+def _lines(
+    section: Section, fine: float, skin: float, edges: Sequence[_Edge]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the lines in r and z; between two corners as many as the section it is like has."""
+    near, middle = _near(section), 0.5 * (section.low + section.high)
+    corners, mirror = _corners(section)
+    base_r, base_z = _closed(*corners, edges, near)
+    widest = max(r for region in section.regions for r, _ in region.outline) / _WIDEST / fine
+    r_sizes, z_sizes = _wanted(section, fine)
+    sizes = widest, min(_AT_CORNER * widest, skin), _GROWTH / fine
+    counts_r, counts_z = _counts(section, (base_r, base_z), corners, fine, skin)
+    z = _divided(base_z, z_sizes, sizes, counts_z)
+    kept = [(min(e.r0, e.r1), max(e.r0, e.r1)) for e in edges]
+    r = _divided(base_r, r_sizes, sizes, counts_r, kept)
+    r, z = _closed(r, z, edges, near)
+    if mirror:
+        z = middle + 0.5 * (z - z[::-1])
+    return r, z
+
+
+def _counts(
+    section: Section,
+    bases: tuple[FloatArray, FloatArray],
+    corners: tuple[FloatArray, FloatArray],
+    fine: float,
+    skin: float,
+) -> tuple[list[int], list[int]]:
+    """Return how many cells stand between base lines where it is like another section; 0 = own."""
+    own = tuple([0] * (len(base) - 1) for base in bases)
+    if section.like is None:
+        return own[0], own[1]
+    there, _ = _corners(section.like)
+    if [len(a) for a in there] != [len(a) for a in corners]:
+        return own[0], own[1]  # other parts
+    lines = _lines(section.like, fine, skin, _slanted(section.like))
+    near = _near(section)
+    found = tuple(
+        _between(base, here, like, all_lines, near)
+        for base, here, like, all_lines in zip(bases, corners, there, lines, strict=True)
+    )
+    return found[0], found[1]
+
+
+def _between(
+    base: FloatArray, here: FloatArray, like: FloatArray, lines: FloatArray, near: float
+) -> list[int]:
+    """Return how many of the lines of another section stand between its corners, 0 = not known."""
+    nearest = np.abs(base[:, None] - here).argmin(axis=1)
+    known = np.abs(base - here[nearest]) <= near
+    places = np.where(known, like[nearest], np.nan)
+    return [
+        int(np.sum((lines > a + near) & (lines < b - near))) + 1 if b > a + near else 0
+        for a, b in pairwise(places.tolist())
+    ]
 
 
 def _slanted(section: Section) -> list[_Edge]:
@@ -133,14 +175,23 @@ def _slanted(section: Section) -> list[_Edge]:
     return list(dict.fromkeys(found))
 
 
-def _base_lines(section: Section) -> tuple[FloatArray, FloatArray]:
+def _near(section: Section) -> float:
+    """Return how near lines are that are one [m]."""
+    return _SAME * max(section.radius, section.high - section.low)
+
+
+def _corners(section: Section) -> tuple[tuple[FloatArray, FloatArray], bool]:
+    """Return radii and places of all corners, in their order, and whether it is a mirror."""
     corners = [corner for region in section.regions for corner in region.outline]
     r, z = [0.0, section.radius], [section.low, section.high]
     m = section.motion
     if m is not None:
         r += [m.radius, m.still_radius]
         z += [m.low, m.high, m.still_low, m.still_high]
-    return np.array(r + [c[0] for c in corners]), np.array(z + [c[1] for c in corners])
+    all_r, all_z = np.array(r + [c[0] for c in corners]), np.array(z + [c[1] for c in corners])
+    middle, rising = 0.5 * (section.low + section.high), np.sort(all_z)
+    mirror = bool(np.abs(rising + rising[::-1] - 2.0 * middle).max() < _near(section))
+    return (all_r, np.append(all_z, middle) if mirror else all_z), mirror
 
 
 def _merged(lines: FloatArray, near: float) -> FloatArray:
@@ -192,9 +243,10 @@ def _divided(
     base: FloatArray,
     wanted: Sequence[tuple[float, float]],
     sizes_and_growth: tuple[float, float, float],
+    counts: Sequence[int],
     kept: Sequence[tuple[float, float]] = (),
 ) -> FloatArray:
-    """Return lines between base lines, at most as far apart as the size wanted there."""
+    """Return lines between base lines: as many as counted, else as near as is wanted there."""
     widest, corner, growth = sizes_and_growth
     lines = [base[:1]]
     small = dict.fromkeys(base.tolist(), corner)
@@ -202,7 +254,7 @@ def _divided(
         nearest = float(base[np.abs(base - line).argmin()])
         small[nearest] = min(small[nearest], size)
     places, sizes = np.array(list(small)), np.array(list(small.values()))
-    for a, b in pairwise(base.tolist()):
+    for (a, b), known in zip(pairwise(base.tolist()), counts, strict=True):
         if any(low < 0.5 * (a + b) < high for low, high in kept):
             lines.append(np.array([b]))
             continue
@@ -210,7 +262,8 @@ def _divided(
         size = np.minimum((sizes + growth * np.abs(p[:, None] - places)).min(axis=1), 4 * widest)
         density = np.concatenate([[0.0], np.cumsum(0.5 * (1 / size[1:] + 1 / size[:-1]))])
         density *= (b - a) / 200.0
-        count = max(1, int(np.ceil(density[-1] - 0.05)))
+        own = max(1, int(np.ceil(density[-1] - 0.05)))
+        count = max(known, own // 2) if known else own  # stretched by no more than twice
         steps = np.linspace(0.0, density[-1], count + 1)[1:]
         lines.append(np.interp(steps, density, p))
         lines[-1][-1] = b

@@ -226,7 +226,8 @@ def _section(given: dict[str, object], folder: Path) -> Section:
     pieces = [piece for item in regions for piece in _regions(item, drawing)]
     materials = _materials(given.get("materials", {}))
     name = _text(given.get("name", "section"), "name")
-    return Section(name, tuple(pieces), materials, moves, **box)
+    radius, low, high = (box[n] for n in _BOX)
+    return Section(name, tuple(pieces), materials, moves, radius, low, high)
 
 
 def _materials(given: object) -> dict[str, Material]:

@@ -115,6 +115,9 @@ class Section:
         Of the armature; None where nothing moves.
     radius, low, high : float
         Box around, where the field ends [m].
+    like : Section or None
+        The same parts with other dimensions, whose mesh is stretched to this section: what the
+        fields of both differ by is then no matter of the mesh.
     """
 
     name: str
@@ -125,6 +128,7 @@ class Section:
     low: float
     high: float
     coils: tuple[str, ...] = field(init=False)
+    like: Section | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Refuse regions outside the box, of unknown material, or without an area."""

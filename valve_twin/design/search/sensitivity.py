@@ -64,13 +64,15 @@ class Study:
     archive: Archive
     run: Run
     valve: str = ""
-    fidelity: str = "search"
+    fidelity: str = "evened"
     advance: Callable[[], None] = lambda: None
 
     def outcomes(self, wanted: Sequence[Mapping[str, float]]) -> list[Outcome]:
         """Return the outcomes of the design with changed numbers, by dotted name [their units]."""
         tasks = [
-            DesignTask(key_of(v), changed(self.design, v), v, self.valve, self.fidelity)
+            DesignTask(
+                key_of(v), changed(self.design, v), v, self.valve, self.fidelity, like=self.design
+            )
             for v in wanted
         ]
         return self.archive.outcomes(tasks, self.run, self.advance)

@@ -53,6 +53,8 @@ class DesignTask:
         One of `FIDELITIES`, see `find_fidelity`.
     given : Fidelity, optional
         In place of what the name stands for.
+    like : DoubleStroke, optional
+        What it is a change of; fields that are `stretched` are on its mesh.
     """
 
     key: str
@@ -61,6 +63,7 @@ class DesignTask:
     valve: str = ""
     fidelity: str = "search"
     given: Fidelity | None = None
+    like: DoubleStroke | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +114,10 @@ def evaluate_task(task: DesignTask) -> Outcome:
         fidelity = task.given or find_fidelity(task.fidelity)
         valve = find_designable(task.valve)
         solenoid = replace(task.design, valve=Surroundings())
+        like = replace(task.like, valve=Surroundings()) if task.like else None
         grid = reaching(fidelity.grid, task.design)
-        designed, dynamics = _fields_of(solenoid, replace(fidelity, grid=grid, draws=1))
+        of = replace(fidelity, grid=grid, draws=1)
+        designed, dynamics = _fields_of(solenoid, of, like if fidelity.stretched else None)
         designed = replace(designed, around=task.design.valve)
         found = evaluate(task.design, valve, fidelity=fidelity, computed=(designed, dynamics))
         figures, curves = figures_of(task.design, found), _curves(found.designed.curves)
@@ -125,10 +130,10 @@ def evaluate_task(task: DesignTask) -> Outcome:
 
 @lru_cache(maxsize=_KEPT)
 def _fields_of(
-    solenoid: DoubleStroke, fidelity: Fidelity
+    solenoid: DoubleStroke, fidelity: Fidelity, like: DoubleStroke | None
 ) -> tuple[Designed, tuple[Dynamics, Dynamics]]:
     """Return what was computed of a solenoid: springs and controller ask for no new fields."""
-    return compute_design(solenoid, fidelity=fidelity)
+    return compute_design(solenoid, fidelity=fidelity, like=like)
 
 
 def lost_design(task: DesignTask, why: str) -> Outcome:
