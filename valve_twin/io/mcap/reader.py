@@ -102,8 +102,10 @@ class McapFile:
         self._sums: dict[int, int] = {}
         self.sum_stands = False
         self._unpacker = zstandard.ZstdDecompressor()
+        self.summary = Summary()
         try:
-            self.summary = Summary() if salvaged is not None else self._read_summary()
+            if salvaged is None:
+                self.summary = self._read_summary()
         except (*_BROKEN, DamagedError) as err:
             self._salvaged(self._refusal(err))
         if self.damage is not None:
@@ -144,7 +146,7 @@ class McapFile:
         BagError
             If it is damaged or compressed in an unknown way.
         IndexLiesError
-            If its messages lie outside the times that are stated for it.
+            If chunks stand at other places or times than stated.
         """
         records = bytes(self.chunk_view(index))
         if self.damage is not None or index.offset in self._compared:
@@ -184,7 +186,7 @@ class McapFile:
         Raises
         ------
         IndexLiesError
-            If messages lie outside the stated times: those before may have come too early.
+            If chunks stand at other places or times than stated: what was read may lack some.
         BagError
             If damaged files are refused.
         """
@@ -192,10 +194,18 @@ class McapFile:
         if flaw is Flaw.NONE or self.damage is not None:
             return False
         self._salvaged(self._damaged(index, flaw.text))
-        if flaw is Flaw.TIMES:
-            msg = f"{self.path}: chunk at byte {index.offset}: {flaw.text}; {_RECOVER}"
-            raise IndexLiesError(msg)
+        self._check_order(index, flaw.text)
         return True
+
+    def _check_order(self, index: ChunkIndex, what: str) -> None:
+        """Begin anew where chunks stand or lie in time otherwise than the summary states."""
+        assert self.damage is not None
+        stated = {c.offset: c for c in self.summary.chunks}
+        for chunk in self.damage.summary.chunks if stated else ():
+            known = stated.get(chunk.offset)
+            if known is None or chunk.start_ns < known.start_ns or chunk.end_ns > known.end_ns:
+                msg = f"{self.path}: chunk at byte {index.offset}: {what}; {_RECOVER}"
+                raise IndexLiesError(msg)
 
     def chunk_view(self, index: ChunkIndex) -> bytes | memoryview:
         """Return the decompressed records of a chunk without a copy; valid while it is open.
@@ -204,11 +214,14 @@ class McapFile:
         ------
         BagError
             If it is damaged and nothing in the file is intact.
+        IndexLiesError
+            If it is damaged, and others stand at other places or times than stated.
         """
         try:
             return self._unpacked(index) if self.damage is None else self._rescued(index)
         except DamagedError as err:
             self._salvaged(err)
+            self._check_order(index, "it is damaged, and the summary lies about others")
             return self._rescued(index)
 
     def _rescued(self, index: ChunkIndex) -> bytes | memoryview:
