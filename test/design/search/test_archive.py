@@ -59,6 +59,7 @@ def test_the_archive_of_another_problem_is_refused_with_what_differs(archive, tm
         ("a,b\n1,2\n", "line 1: is no archive of valve-twin design"),
         ("a drawing of mine without a last line end", "line 1: is no archive of valve-twin"),
         ("a,b\n1,2", "line 1: is no archive of valve-twin"),
+        ("[" * 100_000 + "\n", "line 1: is no archive of valve-twin"),
         ('{"form": 99, "problem": {}}\n', "is no archive of valve-twin design of form 5"),
     ],
 )

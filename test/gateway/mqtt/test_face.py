@@ -300,7 +300,9 @@ def test_what_cannot_be_used_is_told_in_one_line(more, told, history, tmp_path, 
     assert told in line
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"birth": 0, "valves": {"/a": "x"}}'])
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[1]", '{"birth": 0, "valves": {"/a": "x"}}', "[" * 100_000]
+)
 def test_marks_that_are_none_are_told(text, history, tmp_path, capsys):
     state = tmp_path / "state"
     state.write_text(text)

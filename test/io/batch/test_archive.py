@@ -194,6 +194,15 @@ def test_what_a_result_was_made_from_decides_whether_it_is_kept(good, archive, t
     assert results.finished(tasks[1]) is None
 
 
+@pytest.mark.parametrize("text", ["[" * 100_000, "[]", "{}", "7", ""], ids=lambda t: t[:2])
+def test_a_file_of_something_else_keeps_no_result(text, tmp_path, archive):
+    task = BatchTask("a", tmp_path, archive.configs)
+    results = Results(tmp_path)
+    results.lines("a").write_text("", encoding="utf-8")
+    results.mark("a").write_text(text, encoding="utf-8")
+    assert results.finished(task) is None
+
+
 def test_a_cut_bag_is_estimated_as_far_as_it_goes_and_its_loss_is_told(good, archive, tmp_path):
     (file,) = (good / GOOD[0]).glob("*.mcap")
     file.write_bytes(file.read_bytes()[: int(0.7 * file.stat().st_size)])

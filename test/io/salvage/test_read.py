@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from test.io.salvage.damage_truth import Region, Tally, judge_cut, judge_flip, salvaged, written
+from valve_twin.io.mcap.format import Op
+from valve_twin.io.salvage.read import salvage_file
 
 KINDS = [
     "ours",
@@ -53,6 +55,21 @@ def test_a_byte_flipped_in_any_kind_of_record_costs_no_other(kind, tmp_path):
     truth, path, rng = sample(kind, tmp_path)
     for place in every_region(truth):
         judge_flip(truth, path, place, int(rng.integers(1, 256)))
+
+
+def test_a_cut_file_with_a_wrong_byte_in_a_record_beside_its_chunks_gives_all(tmp_path):
+    truth, path, _ = sample("ours", tmp_path)
+    beside = [r for r in truth.regions if r.op in {Op.HEADER, Op.METADATA}]
+    places = [n for r in beside for n in range(r.begin + 9, min(r.end, r.begin + 60))]
+    assert {r.end <= truth.data_end for r in beside} == {True}
+    assert len(beside) == 2
+    for place in places:
+        content = bytearray(truth.data[: truth.data_end + 5])
+        content[place] = 0xFF
+        path.write_bytes(content)
+        counted = salvage_file(path).summary.statistics
+        assert counted is not None
+        assert counted.message_count == truth.messages.total()
 
 
 @pytest.mark.parametrize("kind", KINDS)

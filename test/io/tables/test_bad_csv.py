@@ -262,6 +262,22 @@ def test_a_comma_in_quotes_belongs_to_its_cell(tmp_path):
     np.testing.assert_array_equal(read_table(path, ["x"]).columns[0], [1.5, 2.25])
 
 
+@pytest.mark.parametrize(
+    ("header", "row", "line"), [("t,x", "1,0,5", 3), ("x", "0,1", 2), ("t,x", '"1,5",2,5', 3)]
+)
+def test_a_row_of_more_cells_than_the_first_is_told(header, row, line, tmp_path):
+    first = row if line == 2 else "0,1"
+    text = told(tmp_path, f"{header}\n{first}\n{row}\n2,3\n", ("x",), separator=",")
+    assert f":{line}: the row has {len(row.replace('1,5', '').split(','))} cells" in text
+
+
+@pytest.mark.parametrize("text", ["t,x\n0,1,\n1,2, ,\n", 't,x\n0,"1"\n1,2\n'])
+def test_empty_cells_at_the_end_of_a_row_are_none(text, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    assert read_table(path, ["t", "x"], separator=",").columns[1].tolist() == [1.0, 2.0]
+
+
 def test_a_quote_that_is_not_closed_swallows_nothing(tmp_path):
     rows = [f"{i},{i}" for i in range(100)]
     rows[3] = '3,"3'

@@ -168,7 +168,7 @@ def _mapping(value: object) -> dict[str, Any]:
 def _parsed(path: Path, number: int, line: str) -> dict[str, object]:
     try:
         return _mapping(json.loads(line))
-    except (TypeError, ValueError) as err:
+    except (TypeError, ValueError, RecursionError) as err:
         what = "no archive of valve-twin design" if number == 1 else _NO_DESIGN
         message = f"{path}, line {number}: is {what}"
         raise ValueError(message) from err

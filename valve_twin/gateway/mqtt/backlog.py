@@ -299,7 +299,7 @@ def _load(path: Path, of: str) -> dict[str, Any]:
     except OSError as err:
         msg = f"{path}: cannot be read: {err.strerror or err}"
         raise StoreError(msg) from err
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         sound = False
     if not sound:
         msg = f"{path}: holds no marks of MQTT: remove it to begin with what is stored from now on"

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from valve_twin import __version__
 from valve_twin.io.bags.read import bag_files
 from valve_twin.io.errors import ValveTwinError
+from valve_twin.io.limits import CONSTRUCTORS_MEET
 from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
@@ -144,7 +145,7 @@ class Results:
                 return None
             if result.files != file_marks(task.bag) and result.digest != digest_of(task):
                 return None
-        except (OSError, ValueError, KeyError, TypeError, ValveTwinError):
+        except (OSError, ValveTwinError, *CONSTRUCTORS_MEET):
             return None
         return dataclasses.replace(result, kept=True)
 

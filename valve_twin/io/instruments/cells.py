@@ -391,7 +391,7 @@ def _numbers(
     """Return the numbers of a column, and which cells hold something else."""
     if comma:
         _refuse_points(path, lines, name, cells)
-    if not any("_" in c or "," in c for c in cells):
+    if not any("_" in c or "," in c or not c.isascii() for c in cells):
         try:
             values = np.array([c or "nan" for c in cells]).astype(np.float64)
         except ValueError:

@@ -14,6 +14,7 @@ from valve_twin.core.quantity import suggest
 from valve_twin.io.errors import BagError
 from valve_twin.io.instruments.table import Column, Recording, rising, unique, wild_row
 from valve_twin.io.instruments.units import known_unit, roles_of, split_name
+from valve_twin.io.tables.csv_doubts import clock_notices
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -93,6 +94,8 @@ def with_clock(sheet: Sheet, choice: ClockChoice) -> Recording:
         bad = int(np.argmin(keep))
         told = wild_row(time.values, keep)
         notices.append(f"{sheet.path}:{sheet.lines[bad]}: column '{time.name}': {told}")
+    if time.dated and not time.zoned:
+        notices += clock_notices(sheet.path, sheet.lines[keep], time.values[keep])
     if np.count_nonzero(keep) < 2:
         msg = f"{sheet.path}: column '{time.name}' does not rise; name the time column"
         raise BagError(msg)

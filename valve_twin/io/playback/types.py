@@ -97,7 +97,7 @@ def _built_hash(package: str, kind: str, name: str) -> str:
         try:
             table = json.loads(path.read_text(encoding="utf-8"))["type_hashes"]
             hashes = {str(t["type_name"]): str(t["hash_string"]) for t in table}
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             continue
         if f"{package}/{kind}/{name}" in hashes:
             return hashes[f"{package}/{kind}/{name}"]

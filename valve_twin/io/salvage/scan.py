@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections import Counter
 from typing import TYPE_CHECKING
 
@@ -150,7 +151,7 @@ class Scan:
         elif op in {Op.SCHEMA, Op.CHANNEL, Op.METADATA}:
             try:
                 self._outside.add(op, self._data[at + RECORD_HEAD.size : stop])
-            except ValueError:
+            except (struct.error, ValueError):
                 self._tell(at, stop, "definition", "cannot be read")
 
     def _gap(self, at: int) -> int:

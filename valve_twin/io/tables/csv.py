@@ -20,7 +20,12 @@ import numpy as np
 from valve_twin.core.quantity import suggest
 from valve_twin.io.errors import BagError
 from valve_twin.io.instruments.text.encoding import decode, unpacked
-from valve_twin.io.tables.csv_doubts import check_commas, check_quotes, clock_notices
+from valve_twin.io.tables.csv_doubts import (
+    check_commas,
+    check_quotes,
+    check_widths,
+    clock_notices,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,6 +110,7 @@ def read_table(
         msg = f"{path}: has a header but no rows; export the data with it"
         raise BagError(msg)
     indexes = [_index(path, name, header, len(first)) for name in names]
+    check_widths(path, rows, mark, len(first))
     check_commas(path, rows, mark, list(zip(indexes, names, strict=True)))
     lines = np.array([number for number, _ in rows], dtype=np.int64)
     columns = _parse_fast([line for _, line in rows], mark, indexes)

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 _GROUPED = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}", re.ASCII)
 _WHOLE = re.compile(r"[-+]?\d+", re.ASCII)
 _HOUR_S = 3600.0
+_KNOWN_S = 6e10
+"""Times that a calendar of four digits knows, from 1970 on [s]."""
+
 _CHANGES = {3, 4, 9, 10, 11}
 """Months in which clocks are put forward or back somewhere."""
 
@@ -119,6 +122,32 @@ def check_commas(
             raise BagError(msg)
 
 
+def check_widths(path: Path, rows: Sequence[tuple[int, str]], separator: str, width: int) -> None:
+    """Refuse a row whose values go on beyond the cells of the first line.
+
+    Parameters
+    ----------
+    path : path
+        The file, for messages.
+    rows : sequence of (int, str)
+        Number and text of every line.
+    separator : str
+        Between cells.
+    width : int
+        Cells of the first line.
+    """
+    for number, line in rows:
+        if line.count(separator) < width:
+            continue
+        cells = next(csv.reader([line], delimiter=separator))
+        if any(cell.strip() for cell in cells[width:]):
+            msg = (
+                f"{path}:{number}: the row has {len(cells)} cells, the first line has {width}: "
+                "a decimal comma, or a column without name? Correct the row or the first line"
+            )
+            raise BagError(msg)
+
+
 def clock_notices(path: Path, lines: IntArray, seconds: FloatArray) -> tuple[str, ...]:
     """Return where a clock without zone seems to be put forward.
 
@@ -135,7 +164,9 @@ def clock_notices(path: Path, lines: IntArray, seconds: FloatArray) -> tuple[str
     if not len(steps):
         return ()
     usual = float(np.nanmedian(steps))
-    found = np.flatnonzero((steps >= _HOUR_S) & (steps <= _HOUR_S + 3.0 * usual) & (usual < 900.0))
+    known = np.abs(seconds[:-1]) < _KNOWN_S
+    skips = (steps >= _HOUR_S) & (steps <= _HOUR_S + 3.0 * usual)
+    found = np.flatnonzero(skips & known & (usual < 900.0))
     told = []
     for at in found.tolist():
         before = datetime.fromtimestamp(float(seconds[at]), tz=timezone.utc)

@@ -122,6 +122,23 @@ def test_dates_and_zones_are_read(tmp_path, form):
     assert ("no zone is stated" in found.clock) is not zoned
 
 
+@pytest.mark.parametrize(("zone", "count"), [("", 1), ("Z", 0)])
+@pytest.mark.parametrize("month", [3, 6])
+def test_the_hour_that_a_clock_without_zone_skips_is_told(tmp_path, zone, count, month):
+    day = {3: 29, 6: 28}[month]  # both a Sunday
+    times = [f"01:{m}" for m in range(30, 60)] + [f"03:{m:02d}" for m in range(30)]
+    text = "when;x\n" + rows(lambda i: f"2026-{month:02d}-{day}T{times[i]}:00{zone};{i}")
+    found = recorded(tmp_path / "a.csv", text)
+    assert len(found.notices) == (count if month == 3 else 0)
+    assert all("a.csv:32: the clock skips the hour after" in n for n in found.notices)
+
+
+def test_figures_of_another_script_are_told(tmp_path):
+    text = "t;x;y\n" + rows(lambda i: f"{i};{i};{'١٢' if i == 50 else i}")
+    found = recorded(tmp_path / "a.csv", text)
+    assert any("'١٢'" in notice for notice in found.notices)
+
+
 def test_invented_times_are_not_called_measured(tmp_path):
     counted = recorded(tmp_path / "a.csv", "u,x\n" + rows(lambda i: f"{i % 9},{i % 5}"))
     assert not counted.measured
