@@ -10,6 +10,7 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from mcap.reader import make_reader
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
@@ -95,6 +96,27 @@ def feeder(graph):
         return made
 
     return make
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("keep_files", 1),
+        ("max_bag_size", 1),
+        ("max_bag_duration", 0.1),
+        ("min_free_bytes", 2**50),
+        ("when_disk_low", "delete_oldest"),
+        ("queue_bytes", 2**40),
+        ("snapshot_bytes", 2**40),
+    ],
+)
+def test_what_deletes_or_bounds_recordings_is_not_set_from_afar(graph, tmp_path, name, value):
+    recorder = graph.host(BagRecorderNode, bag=str(tmp_path / "bag"), topics=INPUTS)
+    recorder.trigger_deactivate()
+    recorder.trigger_cleanup()
+    (result,) = recorder.set_parameters([Parameter(name, value=value)])
+    assert not result.successful
+    assert "is not changed from afar" in result.reason
 
 
 def test_topics_are_chosen_by_expression_and_type(graph, tmp_path):

@@ -256,11 +256,16 @@ def test_a_backup_can_be_read_while_the_twin_goes_on(graph, twin, estimates, tmp
     assert len(list(path.parent.iterdir())) == 1
 
 
-def test_what_names_a_place_is_not_set_from_afar(graph, twin):
+def test_what_names_a_place_or_bounds_what_is_kept_is_not_set_from_afar(graph, twin):
     for name, value in (
         ("history_url", "sqlite:////tmp/others.sqlite"),
         ("backup_folder", "/etc"),
         ("allow_remote_configuration", True),
+        ("use_sim_time", True),
+        ("backups_kept", 1_000_000),
+        ("events_kept", 10),
+        ("memory_budget_mb", 1e6),
+        ("unsaved_limit", 1),
     ):
         (result,) = twin.set_parameters([Parameter(name, value=value)])
         assert not result.successful

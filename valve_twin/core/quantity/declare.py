@@ -195,9 +195,9 @@ def quantity(
 
 def assumed(
     default: T, unit: str, text: str, lower: float = -math.inf, upper: float = math.inf, *,
-    ages: bool = True) -> T:  # fmt: skip
+    ages: bool = True, local: bool = False) -> T:  # fmt: skip
     """Declare a number that no source gives; parameters as `quantity`."""
-    return quantity(default, unit, text, lower, upper, assumed=True, ages=ages)
+    return quantity(default, unit, text, lower, upper, assumed=True, ages=ages, local=local)
 
 
 def compiled(kind: type[T], owner: object, **others: object) -> T:

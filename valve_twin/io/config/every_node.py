@@ -21,7 +21,8 @@ class NodeParameters:
     )
     allow_remote_configuration: bool = setting(
         default=False,
-        text="Let parameter services set what names a place on this machine: files, databases.",
+        text="Let parameter services set the clock, what names a place on this machine (files, "
+        "databases) and how much is kept there.",
         local=True,
     )
 

@@ -24,6 +24,7 @@ class FaceParameters(NodeParameters):
         "TCP port for Foxglove at `host`, such as 8765; 0 = any, -1 = off.",
         lower=-1,
         upper=65535,
+        local=True,
     )
     opcua: str = setting(
         "", "Address for OPC UA, such as opc.tcp://127.0.0.1:4840; empty = off.", local=True
@@ -76,7 +77,9 @@ class FaceParameters(NodeParameters):
 class GatewayParameters(FaceParameters):
     """Parameters of the gateway."""
 
-    port: int = quantity(8107, "1", "TCP port; 0 = any that is free.", lower=0, upper=65535)
+    port: int = quantity(
+        8107, "1", "TCP port; 0 = any that is free.", lower=0, upper=65535, local=True
+    )
     certificate: str = setting("", "Certificate (PEM) for TLS; empty = without TLS.", local=True)
     key: str = setting("", "Its key (PEM).", local=True)
     users: str = setting(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from valve_twin.io.bags.qos import read_overrides
 from valve_twin.io.bags.rolling import SplitRule
-from valve_twin.io.config.node_parameters import BagRecorderParameters
+from valve_twin.io.config.recorder_parameters import BagRecorderParameters
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.recording.recorder import DiskRule
 from valve_twin.io.recording.restarted import next_folder

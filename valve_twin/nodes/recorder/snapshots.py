@@ -19,7 +19,7 @@ from valve_twin.nodes.runtime.stamps import from_time
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from valve_twin.io.config.node_parameters import BagRecorderParameters
+    from valve_twin.io.config.recorder_parameters import BagRecorderParameters
     from valve_twin.nodes.recorder.recorded_topic import RecordedTopic
 
 _DEPTH = 100

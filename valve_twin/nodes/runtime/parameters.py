@@ -37,6 +37,7 @@ OF_VALVES = (
     *("signals.", "cycles.", "options.", "aging.", "csv."),
 )
 _REMOTE = "allow_remote_configuration"
+_CLOCK = "use_sim_time"  # of rclpy; who sets it stops a node whose clock nobody publishes
 _AT_START = ("simulation.aging.", "simulation.scatter.")
 _LARGEST = 2**62
 
@@ -175,15 +176,16 @@ class Parameters:
     def _check_set(self, parameters: list[Parameter]) -> SetParametersResult:
         for parameter in parameters:
             spec = self._specs.get(parameter.name)
-            if spec is None:
-                continue
             declared = self._node.has_parameter(parameter.name)
-            if spec.local and declared and not self[_REMOTE]:
+            local = spec.local if spec is not None else parameter.name == _CLOCK
+            if local and declared and not self[_REMOTE]:
                 reason = (
-                    f"'{spec.name}' takes effect at configure and is not changed from afar: give "
-                    f"it at the start of the node, or start it with {_REMOTE}"
+                    f"'{parameter.name}' takes effect at the start and is not changed from afar: "
+                    f"give it when the node is started, or start it with {_REMOTE}"
                 )
                 return SetParametersResult(successful=False, reason=reason)
+            if spec is None:
+                continue
             if spec.read_only and not self._is_idle() and declared:
                 reason = f"'{spec.name}' takes effect at configure: clean up the node, then set it"
                 return SetParametersResult(successful=False, reason=reason)
