@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
@@ -16,7 +17,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from test.bag_samples import write_sample
 from valve_twin.io.bags.definitions import definition
-from valve_twin.io.bags.read import BagWriter, bag_info, bag_types, read_signals
+from valve_twin.io.bags.read import BagWriter, bag_info, bag_types, read_columns, read_signals
+from valve_twin.io.bags.report import bag_report
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.errors import BagError, ConfigError
@@ -289,6 +291,55 @@ def test_files_are_found_without_a_readable_metadata_file(small_bag, caplog):
     assert "is no metadata.yaml of a ROS 2 bag" in caplog.text
     (small_bag / "small_0.mcap").unlink()
     assert "is no metadata.yaml of a ROS 2 bag; give the .mcap file" in refused(small_bag)
+
+
+def noted(path, caplog):
+    """Return what report and reading say of a bag that holds all that the sound one does."""
+    caplog.clear()
+    columns = read_columns(path, [POSITION])
+    report = bag_report(path, verify=True)
+    assert report["damaged"]
+    (note,) = report["notes"]
+    assert caplog.text.count(note) == 1
+    return note, len(columns[0].values), report["messages"]
+
+
+def change_metadata(bag, before, after):
+    path = bag / "metadata.yaml"
+    text = path.read_text(encoding="utf-8")
+    assert before in text
+    path.write_text(text.replace(before, after), encoding="utf-8")
+
+
+def test_a_file_that_metadata_names_twice_is_read_once_and_told(small_bag, caplog):
+    report, (column,) = bag_report(small_bag), read_columns(small_bag, [POSITION])
+    change_metadata(small_bag, "- small_0.mcap\n", "- small_0.mcap\n  - ./small_0.mcap\n")
+    note, count, messages = noted(small_bag, caplog)
+    assert note.endswith("metadata.yaml: names small_0.mcap twice; it is read once")
+    assert (count, messages) == (len(column.values), report["messages"])
+
+
+def test_a_file_that_metadata_does_not_name_is_left_out_and_told(small_bag, caplog):
+    report = bag_report(small_bag)
+    shutil.copy(small_bag / "small_0.mcap", small_bag / "small_1.mcap")
+    note, _, messages = noted(small_bag, caplog)
+    assert note.endswith("metadata.yaml: does not name small_1.mcap, which is left out")
+    assert messages == report["messages"]
+
+
+@pytest.mark.parametrize("more", [-1, 3])
+def test_metadata_that_counts_otherwise_than_its_files_is_told(small_bag, more, caplog):
+    report = bag_report(small_bag)
+    count = next(t["count"] for t in report["topics"] if t["name"] == POSITION.topic)
+    path = small_bag / "metadata.yaml"
+    found = yaml.safe_load(path.read_text(encoding="utf-8"))
+    for entry in found["rosbag2_bagfile_information"]["topics_with_message_count"]:
+        if entry["topic_metadata"]["name"] == POSITION.topic:
+            entry["message_count"] += more
+    path.write_text(yaml.safe_dump(found), encoding="utf-8")
+    note, seen, messages = noted(small_bag, caplog)
+    assert f"counts {count + more} messages of {POSITION.topic}, its files hold {count}" in note
+    assert (seen, messages) == (count, report["messages"])
 
 
 @pytest.mark.parametrize("keep", [1, 8, 20])

@@ -4,13 +4,16 @@
 
 from __future__ import annotations
 
+import logging
+from collections import Counter
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.core.quantity import nearest
-from valve_twin.io.bags.folder import bag_files
+from valve_twin.io.bags.folder import BagFolder, bag_files, bag_folder
+from valve_twin.io.bags.metadata import FILE_NAME
 from valve_twin.io.cdr.bag_types import BagTypes
 from valve_twin.io.cdr.message_types import known_type_name
 from valve_twin.io.errors import BagError, IndexLiesError
@@ -23,6 +26,7 @@ if TYPE_CHECKING:
     from mcap.records import Channel
 
 
+_LOGGER = logging.getLogger("valve_twin")
 _COMPARED: set[tuple[Path, int, int]] = set()
 """Files that were compared with what they state and found sound, with time and size."""
 
@@ -87,9 +91,11 @@ def bag_info(path: str | Path) -> BagInfo:
     BagError
         If it cannot be read; one line with the file and what to do.
     """
-    files, custom = bag_files(path)
+    folder = bag_folder(path)
+    custom = dict(folder.custom)
     with ExitStack() as stack:
-        opened = [open_file(f, stack) for f in files]
+        opened = [open_file(f, stack) for f in folder.files]
+        tell_counts(folder, opened)
         for file in opened:
             custom = {**file.summary.metadata.get("valve_twin", {}), **custom}
         return contents(Path(path), opened, custom)
@@ -100,6 +106,31 @@ def open_file(path: Path, stack: ExitStack) -> McapFile:
     file = McapFile(path, salvage=salvage, salvaged=known(path))
     stack.callback(file.close)
     return file
+
+
+def wrong_counts(folder: BagFolder, opened: Sequence[McapFile]) -> str:
+    """Return how metadata and sound files disagree upon the number of messages, empty = not."""
+    held: Counter[str] = Counter()
+    for file in opened:
+        statistics = file.summary.statistics
+        if statistics is None or (file.damage is not None and file.damage.losses):
+            return ""
+        for channel in file.summary.channels.values():
+            held[topic_name(channel.topic)] += statistics.counts.get(channel.id, 0)
+    stated = Counter({topic_name(name): n for name, n in folder.counts.items()})
+    wrong = sorted(name for name in {*held, *stated} if held[name] != stated[name])
+    if not folder.counts or not wrong:
+        return ""
+    told = ", ".join(
+        f"{stated[name]} messages of {name}, its files hold {held[name]}" for name in wrong
+    )
+    return f"{folder.files[0].parent / FILE_NAME}: counts {told}"
+
+
+def tell_counts(folder: BagFolder, opened: Sequence[McapFile]) -> None:
+    """Say on the log where metadata counts otherwise than its files."""
+    if line := wrong_counts(folder, opened):
+        _LOGGER.warning("%s", line)
 
 
 def contents(path: Path, opened: Sequence[McapFile], custom: dict[str, str]) -> BagInfo:

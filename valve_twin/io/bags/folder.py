@@ -6,12 +6,17 @@ from __future__ import annotations
 
 import logging
 import re
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from valve_twin.io.bags.metadata import FILE_NAME, ForeignBagError, read_metadata
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.format import MAGIC
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
 
 _LOGGER = logging.getLogger("valve_twin")
 
@@ -30,12 +35,15 @@ class BagFolder:
         Files that the metadata names and that are not there.
     flaw : str
         What is wrong with the metadata, empty = nothing.
+    counts : mapping
+        Messages by topic, as the metadata says; empty where it does not say or is wrong otherwise.
     """
 
     files: tuple[Path, ...]
     custom: dict[str, str]
     missing: tuple[Path, ...] = ()
     flaw: str = ""
+    counts: Mapping[str, int] = field(default_factory=dict)
 
 
 def find_files(path: str | Path) -> BagFolder:
@@ -64,17 +72,39 @@ def find_files(path: str | Path) -> BagFolder:
         if not any(map(_is_mcap, present)):
             raise
         return BagFolder(present, {}, flaw=f"{err}; all .mcap files of the folder are read")
-    named = [folder / Path(name).name for name in metadata.files]
+    named = Counter(folder / Path(name).name for name in metadata.files)
+    twice = _names(p for p, count in named.items() if count > 1)
     missing = tuple(p for p in named if not p.is_file())
     spare = [p for p in present if p not in named]
-    custom = dict(metadata.custom)
-    if not missing or not spare:
-        return BagFolder(tuple(named), custom, missing)
-    names = ", ".join(p.name for p in missing)
-    flaw = f"{folder / FILE_NAME}: names {names}, which is not there; "
-    flaw += f"read instead: {', '.join(p.name for p in spare)}"
-    files = tuple(sorted([p for p in named if p.is_file()] + spare, key=natural_order))
-    return BagFolder(files, custom, flaw=flaw)
+    flaws = [f"names {twice} twice; it is read once"] if twice else []
+    files = tuple(named)
+    if missing and spare:
+        flaws.append(f"names {_names(missing)}, which is not there; read instead: {_names(spare)}")
+        files = tuple(sorted([p for p in named if p.is_file()] + spare, key=natural_order))
+        missing = ()
+    elif spare:
+        flaws.append(f"does not name {_names(spare)}, which is left out")
+    flaw = f"{folder / FILE_NAME}: {'; '.join(flaws)}" if flaws else ""
+    counts = {} if flaws or missing else dict(metadata.counts)
+    return BagFolder(files, dict(metadata.custom), missing, flaw, counts)
+
+
+def _names(paths: Iterable[Path]) -> str:
+    return ", ".join(p.name for p in paths)
+
+
+def bag_folder(path: str | Path) -> BagFolder:
+    """Return what `find_files` finds; say on the log what is wrong with the metadata.
+
+    Raises
+    ------
+    BagError
+        If there is no such bag.
+    """
+    found = find_files(path)
+    if found.flaw:
+        _LOGGER.warning("%s", found.flaw)
+    return found
 
 
 def bag_files(path: str | Path) -> tuple[tuple[Path, ...], dict[str, str]]:
@@ -85,9 +115,7 @@ def bag_files(path: str | Path) -> tuple[tuple[Path, ...], dict[str, str]]:
     BagError
         If there is no such bag.
     """
-    found = find_files(path)
-    if found.flaw:
-        _LOGGER.warning("%s", found.flaw)
+    found = bag_folder(path)
     return found.files, found.custom
 
 

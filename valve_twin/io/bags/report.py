@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from valve_twin.io.bags.contents import contents
+from valve_twin.io.bags.contents import contents, wrong_counts
 from valve_twin.io.bags.folder import find_files
 from valve_twin.io.bags.qos import read_profiles
 from valve_twin.io.mcap.damage import time_text
@@ -96,6 +96,7 @@ def bag_report(path: str | Path, *, verify: bool = False) -> BagReport:
                 part = file.damage.lost_count
                 lost = None if lost is None or part is None else lost + part
         info = contents(Path(path), opened, {**custom, **folder.custom})
+        notes += filter(None, [wrong_counts(folder, opened)])
     return BagReport(
         bag=str(path),
         files=[p.name for p in info.files],

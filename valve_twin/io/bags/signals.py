@@ -22,9 +22,10 @@ from valve_twin.io.bags.contents import (
     contents,
     missing_topic,
     open_file,
+    tell_counts,
     topic_name,
 )
-from valve_twin.io.bags.folder import bag_files
+from valve_twin.io.bags.folder import bag_folder
 from valve_twin.io.cdr.columns import Columns, ColumnStore, FieldPlan, Walker, pays
 from valve_twin.io.cdr.layout import layout_of
 from valve_twin.io.cdr.signals import Extractor, SignalBlock, SignalSource
@@ -183,9 +184,10 @@ def _no_samples() -> Columns:
 
 def _open(path: str | Path, wanted: list[SignalSource]) -> _Bag:
     """Open a bag and check topics, types and fields."""
-    names, _ = bag_files(path)
+    folder = bag_folder(path)
     with ExitStack() as stack:
-        files = [open_file(name, stack) for name in names]
+        files = [open_file(name, stack) for name in folder.files]
+        tell_counts(folder, files)
         parts = [_Part(f, _fields_of(f, wanted), _none_read(len(wanted))) for f in files]
         info = contents(Path(path), files, {})
         counts = _check_topics(info, wanted)
