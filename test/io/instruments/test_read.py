@@ -275,6 +275,34 @@ def test_bytes_too_many_in_a_tdms_file_are_told(written):
     assert any(f"the file at {len(whole) + 2}" in text for text in found.notices)
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        (b"'setpoint'\x14", b"'setpointh\x14", "'setpointh holds 200 values, and its name is"),
+        (b"'p'\x14\0\0\0\x0a", b"'p'\x14\0\0\0\x21", "'p' holds no numbers (bool)"),
+    ],
+)
+def test_a_tdms_channel_whose_head_is_damaged_is_told(before, after, told, written):
+    path = written("tdms")
+    whole = path.read_bytes()
+    assert before in whole
+    path.write_bytes(whole.replace(before, after, 1))
+    found = read_recording(path)
+    assert len(found.columns) == 1
+    assert any(told in notice for notice in found.notices)
+
+
+def test_a_unit_that_cannot_be_read_of_an_hdf5_file_is_told(written):
+    path = written("hdf5")
+    whole = path.read_bytes()
+    at = whole.index(b"unit\0\0\0\0\x19") + 21  # size of the text's type
+    path.write_bytes(whole[:at] + b"\x91" + whole[at + 1 :])
+    found = read_recording(path)
+    column = next(c for c in found.columns if c.name == "log.p")
+    assert (column.unit, len(column.values)) == ("", foreign.N)
+    assert any("the unit of 'log.p' cannot be read" in notice for notice in found.notices)
+
+
 def test_a_tdms_segment_of_unknown_length_goes_on_to_the_end(written):
     """So does the last one of a writer that was killed."""
     path = written("tdms")

@@ -160,7 +160,11 @@ def may_be(found: Recording, sound: Recording, places: Places, at: np.ndarray) -
     times = any(is_hit(b, e) for b, e, _ in places.times)
     if len(found.columns) != len(sound.columns):
         return False
-    for one, other in zip(found.columns, sound.columns, strict=True):
+    columns = found.columns
+    names = [c.name for c in sound.columns]
+    if words and sorted(c.name for c in columns) == sorted(names):  # a group's name orders them
+        columns = tuple(sorted(columns, key=lambda c: names.index(c.name)))
+    for one, other in zip(columns, sound.columns, strict=True):
         if (one.name, one.unit) != (other.name, other.unit) and not words:
             return False
         if len(one.values) != len(other.values):

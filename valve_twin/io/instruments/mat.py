@@ -123,8 +123,10 @@ def read_hdf5(path: Path) -> Sheet:
                     odd.append(
                         f"{path}: '{name}' is of no usual kind of numbers, its may be wrong"
                     )
-                unit = dataset.attrs.get("unit", dataset.attrs.get("units", ""))
-                units[name] = unit.decode() if isinstance(unit, bytes) else str(unit)
+                unit = _unit_of(dataset)
+                units[name] = unit or ""
+                if unit is None:
+                    odd.append(f"{path}: the unit of '{name}' cannot be read")
     except BagError:
         raise
     except Exception as err:  # whatever a broken file makes the reader raise
@@ -132,6 +134,16 @@ def read_hdf5(path: Path) -> Sheet:
         raise BagError(msg) from err
     sheet = _sheet(path, arrays, units)
     return replace(sheet, notices=[*sheet.notices, *odd])
+
+
+def _unit_of(dataset: Any) -> str | None:  # noqa: ANN401  h5py has no types
+    """Return the unit that stands beside a dataset, empty = none, None where it is damaged."""
+    try:
+        held = dict(dataset.attrs)
+    except (RuntimeError, OSError, KeyError, TypeError, ValueError):
+        return None
+    unit = held.get("unit", held.get("units", ""))
+    return unit.decode() if isinstance(unit, bytes) else str(unit)
 
 
 def _is_odd(dataset: Any, h5py: Any) -> bool:  # noqa: ANN401  h5py has no types

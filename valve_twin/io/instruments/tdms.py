@@ -17,6 +17,7 @@ from valve_twin.io.instruments.clock import with_clock
 from valve_twin.io.instruments.table import Column, Recording, check_size, load_package, unique
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from valve_twin.io.instruments.clock import ClockChoice
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 _LEAD_IN = struct.Struct("<4sIIQQ")  # tag, contents, version, bytes to the next one, of metadata
 _UNKNOWN = 2**64 - 1  # of bytes to the next one: the last segment goes on to the end of the file
 _HAS_METADATA, _NEW_LIST = 2, 4  # bits of the contents
+_NUMBERS = "fiuM"  # kinds of numpy
 _OBJECT = re.compile(rb"/'(?:[^']|'')*'(?:/'(?:[^']|'')*')?")  # a path in metadata
 _MOST_PLACES = 20_000_000  # objects of all segments, each of which npTDMS looks at in Python
 
@@ -49,12 +51,9 @@ def read_tdms(path: Path, choice: ClockChoice) -> Recording:
         with path.open("rb") as raw, nptdms.TdmsFile.open(raw) as file:
             every = [c for g in file.groups() for c in g.channels()]
             channels = [c for c in every if len(c) > 1]
-            odd = (
-                *odd,
-                *(f"{path}: channel '{c.name}' holds no values" for c in every if not len(c)),
-            )
+            odd = (*odd, *_untaken(path, every))
             check_size(path, 8 * sum(len(c) for c in channels))
-            numeric = [c for c in channels if c.dtype is not None and c.dtype.kind in "fiuM"]
+            numeric = [c for c in channels if c.dtype is not None and c.dtype.kind in _NUMBERS]
             read = [(c, np.asarray(c[:])) for c in numeric]
             waves = [(c, v) for c, v in read if c.properties.get("wf_increment")]
             if waves:
@@ -111,6 +110,25 @@ def _check_segments(path: Path) -> tuple[str, ...]:
         f"{path}: segments end at byte {at}, the file at {size}: bytes are missing or too many, "
         f"values of the segment at byte {begin} may be wrong",
     )
+
+
+def _untaken(path: Path, channels: list[Any]) -> Iterator[str]:
+    """Yield a notice for each channel that holds no numbers, and for values of no channel."""
+    for c in channels:
+        if not len(c):
+            yield f"{path}: channel '{c.name}' holds no values"
+        elif c.dtype is None or c.dtype.kind not in _NUMBERS:
+            yield f"{path}: channel '{c.name}' holds no numbers ({c.dtype}) and is left out"
+    known = {c.path for c in channels}
+    with path.open("rb") as raw:
+        reader = load_package("nptdms.reader", path).TdmsReader(raw)
+        reader.read_metadata()
+        for name, held in reader.object_metadata.items():  # npTDMS passes over a broken name
+            if held.num_values and name not in known:
+                yield (
+                    f"{path}: {name} holds {held.num_values} values, and its name is damaged: it "
+                    "is left out"
+                )
 
 
 def _left_out(
