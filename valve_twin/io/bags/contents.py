@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 
 _LOGGER = logging.getLogger("valve_twin")
+_TOLD = 3  # topics of a line
 _COMPARED: set[tuple[Path, int, int]] = set()
 """Files that were compared with what they state and found sound, with time and size."""
 
@@ -121,10 +122,12 @@ def wrong_counts(folder: BagFolder, opened: Sequence[McapFile]) -> str:
     wrong = sorted(name for name in {*held, *stated} if held[name] != stated[name])
     if not folder.counts or not wrong:
         return ""
-    told = ", ".join(
-        f"{stated[name]} messages of {name}, its files hold {held[name]}" for name in wrong
+    told = "; ".join(
+        f"counts {stated[name]} messages of {name}, its files hold {held[name]}"
+        for name in wrong[:_TOLD]
     )
-    return f"{folder.files[0].parent / FILE_NAME}: counts {told}"
+    more = f"; {len(wrong) - _TOLD} more topics likewise" if len(wrong) > _TOLD else ""
+    return f"{folder.files[0].parent / FILE_NAME}: {told}{more}"
 
 
 def tell_counts(folder: BagFolder, opened: Sequence[McapFile]) -> None:
