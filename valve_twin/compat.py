@@ -67,7 +67,7 @@ def load_types_alone() -> None:
 
 
 @cache
-def load_kernels_alone() -> None:
+def load_kernels_alone(*, of_arrays: bool = False) -> None:
     """Let numba load a compiled kernel without being made ready to compile one: 0.15 s of CPU.
 
     Before it looks into a cache it declares all that it knows of Python and numpy, reads the entry
@@ -75,6 +75,8 @@ def load_kernels_alone() -> None:
     BLAS is there, which the code it makes looks up by itself when it is called for the first time.
     A kernel that no cache holds gets all but the last: numba refreshes before it compiles, too. It
     imports coverage where there is. No issue is known. Goes when `load_overload` does not refresh.
+    Kernels that estimate take numba's functions of arrays, which look for that BLAS as they are
+    imported; with `of_arrays` these, too, do without scipy.linalg. Those that predict take none.
     """
     sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
     every = import_module("importlib.metadata").distributions()
@@ -92,14 +94,16 @@ def load_kernels_alone() -> None:
         with cache._guard_against_spurious_io_errors():
             found = cache._load_overload(signature, context)
         if found is None:
-            vars(import_module("numba.np.linalg"))["ensure_blas"] = _do_nothing
+            _spare_blas()
         return found
 
     caches.load_overload = load_overload
+    if of_arrays:
+        _spare_blas()
 
 
-def _do_nothing() -> None:
-    pass
+def _spare_blas() -> None:
+    vars(import_module("numba.np.linalg"))["ensure_blas"] = lambda: None
 
 
 def log_without_sources() -> None:
@@ -343,11 +347,6 @@ def bound_arrays(most: int = MOST_ELEMENTS) -> None:
     asyncua makes the list that four bytes of a message claim before it looks at what follows, and
     elements of the type Null take none: 9 bytes took 16 GB. Dimensions beyond the elements it
     fills with empty lists, a million for each value. No issue is known. Goes when it has a limit.
-
-    Parameters
-    ----------
-    most : int
-        Elements [1].
     """
     codec: Any = import_module("asyncua.ua.ua_binary")
     if getattr(codec._reshape, "most", None) == most:

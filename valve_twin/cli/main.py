@@ -87,7 +87,7 @@ def _run(given: Sequence[str]) -> int:
     if arguments.verb in _COMPUTE:
         from valve_twin.compat import load_kernels_alone
 
-        load_kernels_alone()
+        load_kernels_alone(of_arrays=True)
     try:
         try:
             code = verb(arguments)

@@ -7,6 +7,8 @@ import os
 import queue
 import signal
 import socket
+import subprocess
+import sys
 from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
@@ -62,3 +64,30 @@ def test_so_does_one_that_is_forked_like_the_others(graph):
     graph.start("aging_monitor")
     (now,) = graph.spin_until(lambda: warm_of(made), what="another one")
     assert now != before
+
+
+def test_a_worker_that_starts_by_itself_loads_no_more_than_its_kernels():
+    """A quarter of the CPU of its start, and 27 MB, were SciPy, coverage and garbage sought."""
+    config = Path(__file__).resolve().parents[3] / "config" / "press_cartridge.yaml"
+    code = f"""
+import queue
+from functools import partial
+from valve_twin.io.config.valve import load_config
+from valve_twin.nodes.runtime.worker import WorkerProcess
+from valve_twin.nodes.twin.estimation_job import warm_up
+
+kinds = [(c.model, c.cycles.rule, c.options) for c in load_config({str(config)!r})]
+said = queue.SimpleQueue()
+worker = WorkerProcess(partial(warm_up, kinds))
+for asked in (
+    "len(__import__('gc').get_objects()) < __import__('gc').get_freeze_count()",
+    "__import__('gc').isenabled()",
+    "'valve_twin.core.valves.press_cartridge.model' in __import__('sys').modules",
+    "not {{'scipy.linalg', 'scipy.signal'}} & set(__import__('sys').modules)",
+):
+    worker.submit(eval, (asked,), said.put)
+    outcome = said.get(timeout=120.0)
+    assert outcome.result is True, (asked, outcome)
+worker.close()
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

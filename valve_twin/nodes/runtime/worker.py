@@ -8,8 +8,10 @@ Both take jobs in order, drop none and hand the results to a callback on their o
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
+import pickle
 import queue
 import signal
 import threading
@@ -19,6 +21,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.compat import load_kernels_alone
 from valve_twin.io.errors import ValveTwinError
 
 if TYPE_CHECKING:
@@ -146,7 +149,8 @@ class WorkerProcess:
     def _start(self) -> None:
         context: Any = multiprocessing.get_context(START_METHOD)
         self._pipe, theirs = context.Pipe()
-        process = context.Process(target=_child, args=(theirs, self._warm_up), daemon=True)
+        warm_up = pickle.dumps(self._warm_up)  # whose modules wait until the child is ready
+        process = context.Process(target=_child, args=(theirs, warm_up), daemon=True)
         process.start()
         self._process = process  # only now can it be killed
         theirs.close()
@@ -155,14 +159,19 @@ class WorkerProcess:
             process.kill()
 
 
-def _child(pipe: Connection, warm_up: Work | None) -> None:
+def _child(pipe: Connection, packed: bytes) -> None:
     """Serve jobs until the parent closes the pipe, by whatever death."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.nice(NICENESS)
-    if warm_up is not None:
-        with suppress(Exception):
+    gc.disable()  # imports make hardly any garbage
+    load_kernels_alone(of_arrays=True)
+    with suppress(Exception):
+        warm_up: Work | None = pickle.loads(packed)
+        if warm_up is not None:
             warm_up()
+    gc.freeze()
+    gc.enable()
     with suppress(EOFError, OSError):
         while True:
             work, arguments = pipe.recv()
