@@ -33,13 +33,18 @@ def uncollected() -> Iterator[None]:
 
 @contextmanager
 def rarely_collected() -> Iterator[None]:
-    """Look for garbage in circles seldom while the block runs: a tenth of a short verb.
-
-    For work that imports most of what it takes: half a million objects that stay.
-    """
+    """Look for garbage in circles seldom while the block runs, as `collect_rarely`."""
     before = gc.get_threshold()
-    gc.set_threshold(_YOUNG, *before[1:])
+    collect_rarely()
     try:
         yield
     finally:
         gc.set_threshold(*before)
+
+
+def collect_rarely() -> None:
+    """Look for garbage in circles seldom from now on: a tenth of a short verb.
+
+    For work that imports most of what it takes: half a million objects that stay.
+    """
+    gc.set_threshold(_YOUNG, *gc.get_threshold()[1:])

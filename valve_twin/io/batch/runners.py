@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from weakref import finalize
 
 from valve_twin import __version__
-from valve_twin.compat import end_processes
+from valve_twin.compat import end_processes, load_kernels_alone
 from valve_twin.io.errors import ValveTwinError
+from valve_twin.io.uncollected import collect_rarely
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -108,12 +109,14 @@ def _opened(jobs: int) -> ProcessPoolExecutor:
     """Return processes that start when there is work for them."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # inherited: one core a process
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupts)
+    return ProcessPoolExecutor(jobs, mp_context=context, initializer=_make_ready)
 
 
-def _ignore_interrupts() -> None:
-    """Leave Ctrl-C to the process that hands out the tasks."""
+def _make_ready() -> None:
+    """Leave Ctrl-C to the process that hands out the tasks; load what a task takes, no more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    collect_rarely()
+    load_kernels_alone(of_arrays=True)
 
 
 class ClusterRunner(Generic[T, R]):
