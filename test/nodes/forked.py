@@ -153,10 +153,10 @@ def _load() -> None:
     gc.disable()  # as a node does until it has started
     sys.path[0] = str(ROOT)  # as `python -m` has it
     import_module("valve_twin.one_thread")
-    compat = import_module("valve_twin.compat")
-    compat.spare_imports()
-    compat.load_types_alone()
-    compat.load_kernels_alone()
+    interpreter = import_module("valve_twin.compat.interpreter")
+    interpreter.spare_imports()
+    import_module("valve_twin.compat.ros").load_types_alone()
+    interpreter.load_kernels_alone()
     import_module("rclpy")  # LTTng in it begins two threads, which wait for a tracer
     threads = len(list(TASKS.iterdir()))
     for room in ("runtime", *ROOMS.values()):

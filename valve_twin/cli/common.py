@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TypeAlias, TypeVar
 
 from valve_twin.cli.output import shown
-from valve_twin.compat import take_exponents
+from valve_twin.compat.interpreter import take_exponents
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.whole import write_whole
 

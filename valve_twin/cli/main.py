@@ -85,7 +85,7 @@ def _run(given: Sequence[str]) -> int:
     arguments = _parser(given[0] if given else "").parse_args(given)
     verb: Callable[[argparse.Namespace], int] = arguments.run
     if arguments.verb in _COMPUTE:
-        from valve_twin.compat import load_kernels_alone
+        from valve_twin.compat.interpreter import load_kernels_alone
 
         load_kernels_alone(of_arrays=True)
     try:

@@ -13,7 +13,7 @@ pytest.importorskip("asyncua", reason="needs the extra gateway")
 from asyncua import Server, ua
 from asyncua.server.internal_server import InternalServer
 
-from valve_twin.compat import nodes_of
+from valve_twin.compat.opcua import nodes_of
 from valve_twin.gateway.opcua import standard
 from valve_twin.gateway.opcua.standard import Nodes, StandardServer
 

@@ -20,7 +20,7 @@ from rclpy.impl import rcutils_logger
 
 from test.bag_samples import write_sample
 from test.nodes.conftest import NS, NodeProcess
-from valve_twin import compat
+from valve_twin.compat import ros
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.nodes.aging.node import AgingMonitorNode
@@ -135,7 +135,7 @@ def test_a_signal_after_the_shutdown_by_service_ends_the_process(graph, paramete
 def test_a_line_of_log_tells_its_place_and_reads_no_source(graph, monkeypatch):
     """It read each file on the way: 40 ms of CPU of a start, for lines that nobody uses."""
     monkeypatch.setattr(rcutils_logger, "inspect", inspect)  # as it was, also at the end
-    compat.log_without_sources()
+    ros.log_without_sources()
     read = Mock(return_value=([""], 0))
     monkeypatch.setattr(inspect, "findsource", read)
     lines = graph.record("/rosout", Log)

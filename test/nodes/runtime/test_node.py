@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Nodes on a /clock that two publishers fight over end in good order, and go on until then."""
+"""A node's loop keeps nothing; nodes on a /clock that two publishers fight over end in order."""
 
 import itertools
 import random
@@ -16,6 +16,7 @@ from valve_twin_msgs.srv import ClearFaults
 
 from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
+from test.programmed import programmed
 from valve_twin.nodes.aging.node import AgingMonitorNode
 from valve_twin.nodes.runtime.stamps import to_time
 
@@ -129,3 +130,45 @@ def test_many_requests_at_once_are_all_answered(graph, count):
     asked = [client.call_async(ClearFaults.Request()) for _ in range(count)]
     graph.spin_until(lambda: all(f.done() for f in asked), 60.0, "all answers")
     graph.node.destroy_client(client)
+
+
+SPUN = """
+import sys
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from valve_twin.compat.ros import Recess
+
+rclpy.init()
+node, executor, recess = rclpy.create_node("spins"), EventsExecutor(), Recess()
+executor.add_node(node)
+
+def turns(count):
+    for _ in range(count):
+        recess.spin(executor, 0.0)
+
+turns(100)
+before, of_kind = sys.getallocatedblocks(), sys.getrefcount(recess._kind)
+turns(3000)
+print(sys.getallocatedblocks() - before < 300, sys.getrefcount(recess._kind) - of_kind)
+ended = []
+executor.create_task(lambda: (ended.append(1), recess.end()))
+recess.spin(executor, 60.0)
+print(ended)
+
+class Holds(Recess):
+    held = []
+
+    def add_done_callback(self, stop):
+        super().add_done_callback(stop)
+        self.held.append(stop)
+
+holds = Holds()
+for _ in range(100):
+    holds.spin(executor, 0.0)
+print(len({repr(stop) for stop in Holds.held}), callable(Holds.held[50]))
+"""
+
+
+def test_a_loop_of_the_events_executor_keeps_nothing_and_ends_early(graph):
+    """Each turn kept a block and a reference; a function that somebody holds is left alone."""
+    assert programmed(SPUN, ROS_DOMAIN_ID=str(graph.domain)) == "True 0\n[1]\n100 True\n"

@@ -166,7 +166,7 @@ def test_an_import_that_is_broken_off_while_it_makes_a_class_is_no_error(graph, 
 STRUCK = """
 import signal, time
 from numba.core import codegen
-from valve_twin import compat
+from valve_twin.compat import interpreter
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.nodes.runtime import termination
 from valve_twin.warmup import simulate_once
@@ -176,7 +176,7 @@ def strike(*arguments):
         signal.raise_signal(signal.SIGTERM)
     bound.append(bind(*arguments))
 codegen.JITCPUCodegen.set_env = strike
-compat.load_kernels_alone()
+interpreter.load_kernels_alone()
 termination.install()
 termination.looping()
 try:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.cli.archive.fleet import aging_rules, nameplates
 from valve_twin.cli.common import OK, USAGE, add_url, add_verb, fail, say
-from valve_twin.compat import load_kernels_alone
+from valve_twin.compat.interpreter import load_kernels_alone
 from valve_twin.io.errors import ConfigError, unwritable
 from valve_twin.io.uncollected import uncollected
 

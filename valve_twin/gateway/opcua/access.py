@@ -27,7 +27,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from valve_twin.compat import policies_of, sessions_of
+from valve_twin.compat.opcua import policies_of, sessions_of
 from valve_twin.io.errors import ConfigError, unwritable
 
 if TYPE_CHECKING:

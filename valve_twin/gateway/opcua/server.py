@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 from asyncua import Server, ua
 
 from valve_twin import __version__
-from valve_twin.compat import bound_arrays
+from valve_twin.compat.opcua import bound_arrays
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.gateway.opcua import devices
 from valve_twin.gateway.opcua.access import APPLICATION

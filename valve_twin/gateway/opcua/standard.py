@@ -21,7 +21,7 @@ import asyncua
 from asyncua import ua
 from asyncua.server.internal_server import InternalServer
 
-from valve_twin.compat import nodes_of, set_nodes
+from valve_twin.compat.opcua import nodes_of, set_nodes
 from valve_twin.io.sealed import unsealed_bytes, write_sealed
 
 if TYPE_CHECKING:

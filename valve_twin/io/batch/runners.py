@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from weakref import finalize
 
 from valve_twin import __version__
-from valve_twin.compat import end_processes, load_kernels_alone
+from valve_twin.compat.interpreter import end_processes, load_kernels_alone
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.io.uncollected import collect_rarely
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from valve_twin.compat import take_waiting
+from valve_twin.compat.ros import take_waiting
 from valve_twin.io.bags.definitions import definition
 from valve_twin.io.cdr.message_types import message_class
 from valve_twin.nodes.gateway.live_feed import BEST_EFFORT, DEPTH, nothing

@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from valve_twin_msgs.msg import Prediction, PredictionSeries
 
-from valve_twin.compat import take_waiting
+from valve_twin.compat.ros import take_waiting
 from valve_twin.core.valves.registry import get_model
 from valve_twin.gateway.live.plot import MOST_COMMANDS
 from valve_twin.io.cdr.message_types import RosTypes, message_class

@@ -15,7 +15,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from valve_twin_msgs import msg
 
-from valve_twin.compat import take_waiting
+from valve_twin.compat.ros import take_waiting
 from valve_twin.core.aging.verdict import Trend, Verdict
 from valve_twin.gateway.view import LastCycle, NodeFault
 from valve_twin.nodes.gateway.live_feed import nothing

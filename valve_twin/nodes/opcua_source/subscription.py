@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from valve_twin.compat import bound_arrays, bound_messages, publishing_of, subscribing_of
+from valve_twin.compat.opcua import bound_arrays, bound_messages, publishing_of, subscribing_of
 from valve_twin.nodes.opcua_source.complaints import Complaints, one_line
 from valve_twin.nodes.opcua_source.namespaces import Namespaces
 from valve_twin.nodes.opcua_source.tags import Sample, to_sample

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from valve_twin.compat import message_and_info, take_with_info
+from valve_twin.compat.ros import message_and_info, take_with_info
 from valve_twin.io.bags.qos import FOREVER_NS
 from valve_twin.io.bags.qos import QosProfile as OfferedQos
 from valve_twin.io.cdr.message_types import message_class

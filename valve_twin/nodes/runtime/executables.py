@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import valve_twin.one_thread  # noqa: F401 - before numpy
-from valve_twin import compat
+from valve_twin.compat import interpreter, ros
 from valve_twin.io.config.node_arguments import check_arguments
 from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.runtime import termination
@@ -95,10 +95,10 @@ def run(name: str) -> int:
         return 1
     gc.disable()  # until the node has started: imports make hardly any garbage
     if name == "twin":
-        compat.spare_imports()
-    compat.load_types_alone()
+        interpreter.spare_imports()
+    ros.load_types_alone()
     if name in _COMPUTE:
-        compat.load_kernels_alone()
+        interpreter.load_kernels_alone()
     _choose_transport(name)
     room, kind = _NODES[name]
     make = getattr(import_module(f"valve_twin.nodes.{room}.node"), kind)

@@ -22,9 +22,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future
 
-from valve_twin import compat
+from valve_twin.compat import interpreter, ros
 from valve_twin.io.config.every_node import NodeParameters
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.errors import ValveTwinError, may_pass
@@ -83,13 +82,13 @@ class ValveNode(LifecycleNode):
         self.parameters = Parameters(self, is_idle=self._is_idle)
         self.parameters.declare(NODE_PARAMETERS[name])
         self.exit_code: int | None = None
-        self.recess: Future | None = None
+        self.recess = ros.Recess()
         self._refusal: Exception | None = None
         self._retry: Any = None
         self._refusal_told, self._pause_s = ("", ""), RETRY_S
         self._inbox: deque[Callable[[], None]] = deque()
-        compat.answer_refused_transitions(self, self._tell_refused)
-        compat.answer_unknown_types(self, self._tell_unknown_type)
+        ros.answer_refused_transitions(self, self._tell_refused)
+        ros.answer_unknown_types(self, self._tell_unknown_type)
 
     def create_service(self, *args: Any, **given: Any) -> Service:
         """Make a service as rclpy does, of which many may ask at once."""
@@ -115,7 +114,7 @@ class ValveNode(LifecycleNode):
     @property
     def state(self) -> str:
         """Lifecycle state: unconfigured, inactive, active or finalized."""
-        return compat.lifecycle_state(self)
+        return ros.lifecycle_state(self)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; a failure frees what was made."""
@@ -289,8 +288,7 @@ class ValveNode(LifecycleNode):
 
     def _break_off(self) -> None:
         """Wake the loop."""
-        if self.recess is not None and not self.recess.done():
-            self.recess.set_result(None)
+        self.recess.end()
 
     def drain(self) -> None:
         """Run what other threads posted, then what the node has to do between callbacks."""
@@ -337,8 +335,7 @@ def _spin(node: ValveNode, executor: Executor, wait_s: float) -> None:
     if not node.works_in_callbacks or isinstance(executor, SingleThreadedExecutor):
         executor.spin_once(timeout_sec=wait_s)
         return
-    node.recess = Future()
-    executor.spin_until_future_complete(node.recess, timeout_sec=wait_s)
+    node.recess.spin(executor, wait_s)
 
 
 def _collect_garbage() -> None:
@@ -364,13 +361,13 @@ def run(make: Callable[[], ValveNode], args: list[str] | None = None) -> int:
         Exit code: 0, or 1 where the node could not be made.
     """
     termination.install()
-    compat.log_without_sources()
+    ros.log_without_sources()
     with termination.put_off():
         try:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
             node = make()
         except Exception as err:
-            reason = compat.without_place(err)
+            reason = ros.without_place(err)
             rclpy.logging.get_logger("valve_twin").error(f"cannot start: {reason}")
             return _leave(1, [])
         executor = make_executor(node.parameters.read(NodeParameters).executor)
@@ -396,7 +393,7 @@ def _leave(code: int, held: list[Any]) -> int:
     process. What weak references of libraries complain of while all goes tells nobody anything.
     """
     sys.unraisablehook = _say_nothing
-    end = threading.Timer(FAREWELL_S, compat.leave, (code,))
+    end = threading.Timer(FAREWELL_S, interpreter.leave, (code,))
     end.daemon = True
     end.start()
     try:
@@ -406,7 +403,7 @@ def _leave(code: int, held: list[Any]) -> int:
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
-        compat.leave(code)
+        interpreter.leave(code)
 
 
 def _say_nothing(_: object) -> None:
@@ -420,6 +417,6 @@ def _destroy(held: list[Any]) -> None:
     with suppress(Exception):
         executor.remove_node(node)
         node.destroy_node()
-        compat.destroy_state_machine(node)
+        ros.destroy_state_machine(node)
     del node, executor
     gc.collect()

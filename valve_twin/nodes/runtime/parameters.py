@@ -16,7 +16,7 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import ParameterUninitializedException
 from rclpy.parameter import Parameter
 
-from valve_twin.compat import overrides_of
+from valve_twin.compat.ros import overrides_of
 from valve_twin.core.quantity import Kind, describe, replaced, suggest
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.errors import ConfigError

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from valve_twin_msgs import srv
 
-from valve_twin.compat import intercept_responses
+from valve_twin.compat.ros import intercept_responses
 
 if TYPE_CHECKING:
     from rclpy.node import Node

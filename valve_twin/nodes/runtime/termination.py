@@ -13,7 +13,7 @@ import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from valve_twin.compat import leave
+from valve_twin.compat.interpreter import leave
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -21,7 +21,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from valve_twin.compat import load_kernels_alone
+from valve_twin.compat.interpreter import load_kernels_alone
 from valve_twin.io.errors import ValveTwinError
 
 if TYPE_CHECKING:

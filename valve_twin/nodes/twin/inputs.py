@@ -21,12 +21,7 @@ from rclpy.qos import (
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
-from valve_twin.compat import (
-    message_and_info,
-    overrides_of,
-    take_with_info,
-    without_place,
-)
+from valve_twin.compat.ros import message_and_info, overrides_of, take_with_info, without_place
 from valve_twin.io.cdr.message_types import RosTypes, message_class
 from valve_twin.io.cdr.signals import Extractor, SignalBlock, SignalSource
 from valve_twin.io.errors import ConfigError

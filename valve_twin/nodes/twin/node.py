@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 
-from valve_twin.compat import share_interpreter
+from valve_twin.compat.interpreter import share_interpreter
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.history.spool import MemoryBudget
