@@ -277,7 +277,7 @@ def test_the_rule_cannot_be_lifted_while_it_plays(graph, bag):
     for name, value in (("allow_live", True), ("publish_prefix", "")):
         (result,) = node.set_parameters([node.get_parameter(name).__class__(name, value=value)])
         assert not result.successful
-        assert "takes effect at configure" in result.reason
+        assert "takes effect at" in result.reason
 
 
 def test_the_command_line_ends_before_a_real_valve(graph, bag):
