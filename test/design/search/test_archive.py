@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -51,6 +52,21 @@ def test_the_archive_of_another_problem_is_refused_with_what_differs(archive, tm
     del archive
     with pytest.raises(ValueError, match=r"another problem: gap_ratio is .* there and .*0\.2"):
         Archive(tmp_path / "archive.jsonl", header_of(DoubleStroke(gap_ratio=0.2), ""))
+
+
+def test_of_fields_that_differ_the_number_is_named(archive, tmp_path):
+    """Two long mappings were shown, cut off before what differed."""
+    del archive
+    header = header_of(DoubleStroke(), "")
+    fidelities = json.loads(json.dumps(header["fidelities"]))
+    fidelities["twice"]["step"] = 3e-4
+    del fidelities["evened"]["draws"]
+    said = r"fidelities.twice.step is 0.0001 there and 0.0003 here; name"
+    with pytest.raises(ValueError, match=said):
+        Archive(tmp_path / "archive.jsonl", {**header, "fidelities": fidelities})
+    fidelities["twice"]["step"] = 1e-4
+    with pytest.raises(ValueError, match=r"fidelities.evened.draws is 5 there and null here"):
+        Archive(tmp_path / "archive.jsonl", {**header, "fidelities": fidelities})
 
 
 @pytest.mark.parametrize(

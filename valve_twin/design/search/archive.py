@@ -178,7 +178,7 @@ def _check(path: Path, found: Mapping[str, object], wanted: Mapping[str, object]
     if found.get("form") != wanted["form"] or not isinstance(found.get("problem"), dict):
         message = f"{path}: is no archive of valve-twin design of form {_FORM}"
         raise ValueError(message)
-    there, here = _mapping(found["problem"]), _mapping(wanted["problem"])
+    there, here = _dotted(found["problem"]), _dotted(wanted["problem"])
     for name in {**here, **there}:
         if there.get(name) != here.get(name):
             message = (
@@ -187,6 +187,14 @@ def _check(path: Path, found: Mapping[str, object], wanted: Mapping[str, object]
                 "file"
             )
             raise ValueError(message)
+
+
+def _dotted(value: object, name: str = "") -> dict[str, object]:
+    """Return what a mapping of mappings holds by its dotted name."""
+    if not isinstance(value, dict):
+        return {name: value}
+    parts = (_dotted(of, f"{name}.{key}" if name else str(key)) for key, of in value.items())
+    return {key: of for part in parts for key, of in part.items()}
 
 
 def _short(value: object) -> str:
