@@ -82,6 +82,16 @@ def pytest_report_header() -> str:
     return "random numbers: fixed seeds, named in each test; hypothesis profile: deterministic"
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Leave the statistical campaigns to who asks for them, as `colcon test` does not."""
+    if not config.option.markexpr and not config.option.keyword and not _names_tests(config):
+        config.option.markexpr = "not slow"
+
+
+def _names_tests(config: pytest.Config) -> bool:
+    return any("::" in argument for argument in config.args)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if NODES in item.path.parents:

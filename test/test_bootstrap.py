@@ -257,6 +257,7 @@ def test_the_sources_are_translated_also_where_processes_may_not_do_it(
     source = tmp_path / "valve_twin" / "module.py"
     source.write_text("VALUE = 1\n")
     monkeypatch.setattr(workspace, "ROOT", tmp_path)
+    monkeypatch.setattr(workspace, "PYTHON", Path(sys.executable))
     workspace.translate_sources()
     assert Path(importlib.util.cache_from_source(str(source))).is_file()
     source.with_name("broken.py").write_text("VALUE = \n")
