@@ -7,6 +7,8 @@
 
 from __future__ import annotations
 
+import re
+import tempfile
 import time
 import unittest
 from pathlib import Path
@@ -28,9 +30,23 @@ launch = pytest.importorskip("launch", reason=REASON)
 
 DOMAIN = 97
 NS = "/press/valve_1"
-LAUNCHED = Path(__file__).parents[2] / "launch" / "simulated_valve.launch.py"
+ROOT = Path(__file__).parents[2]
+LAUNCHED = ROOT / "launch" / "simulated_valve.launch.py"
+HOME = tempfile.TemporaryDirectory(prefix="valve_twin_launched_")
 WAIT_S = 120.0
 """A first start compiles kernels [s]."""
+
+
+def parameters() -> Path:
+    """Return a file as users have it, whose history lies where nothing else does."""
+    folder = Path(HOME.name)
+    text = (ROOT / "config" / "press_cartridge.yaml").read_text(encoding="utf-8")
+    own = f'history_url: "sqlite:///{folder / "history.sqlite"}"'
+    made, count = re.subn(r'history_url: "[^"]*"', own, text)
+    assert count == 1
+    path = folder / "valve.yaml"
+    path.write_text(made, encoding="utf-8")
+    return path
 
 
 @pytest.mark.launch_test
@@ -45,6 +61,7 @@ def generate_test_description() -> Any:
                 launch.launch_description_sources.PythonLaunchDescriptionSource(str(LAUNCHED)),
                 launch_arguments={
                     "namespace": NS,
+                    "params_file": str(parameters()),
                     "rate": "10.0",
                     "record": "false",
                     "log_level": "warn",
