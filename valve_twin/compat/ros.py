@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 
+_SURE = 16
+"""Spins in turn that kept the record of a function: from then on it is sure that all do [1]."""
+
+
 def load_types_alone() -> None:
     """Let message types find their library without what generates them: 15 ms of CPU of a start.
 
@@ -246,7 +250,3 @@ class Recess:
         elif ctypes.c_ssize_t.from_address(self._record).value == 0:
             ctypes.pythonapi.PyObject_Free(ctypes.c_void_p(self._record))
             ctypes.pythonapi.Py_DecRef(ctypes.py_object(kind))
-
-
-_SURE = 16
-"""Spins in turn after which each of which it is sure that records are kept [1]."""
