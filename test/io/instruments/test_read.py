@@ -292,6 +292,18 @@ def test_a_tdms_channel_whose_head_is_damaged_is_told(before, after, told, writt
     assert any(told in notice for notice in found.notices)
 
 
+@pytest.mark.parametrize("place", [("length", 4, b"\x5b"), ("type", 0, b"\x01")])
+def test_a_unit_that_is_no_text_of_a_tdms_file_is_told(place, written):
+    path = written("tdms")
+    whole = path.read_bytes()
+    at = whole.index(b"unit_string\x20\0\0\0\x01") + 11 + place[1]
+    path.write_bytes(whole[:at] + place[2] + whole[at + 1 :])
+    found = read_recording(path)
+    (column,) = (c for c in found.columns if c.name == "setpoint")
+    assert (column.unit, len(column.values)) == ("", foreign.N)
+    assert any("the unit of channel 'setpoint' is no text" in n for n in found.notices)
+
+
 def test_a_unit_that_cannot_be_read_of_an_hdf5_file_is_told(written):
     path = written("hdf5")
     whole = path.read_bytes()

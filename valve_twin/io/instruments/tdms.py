@@ -119,6 +119,8 @@ def _untaken(path: Path, channels: list[Any]) -> Iterator[str]:
             yield f"{path}: channel '{c.name}' holds no values"
         elif c.dtype is None or c.dtype.kind not in _NUMBERS:
             yield f"{path}: channel '{c.name}' holds no numbers ({c.dtype}) and is left out"
+        elif _stated(c) and not _unit(c):
+            yield f"{path}: the unit of channel '{c.name}' is no text and is left out"
     known = {c.path for c in channels}
     with path.open("rb") as raw:
         reader = load_package("nptdms.reader", path).TdmsReader(raw)
@@ -174,9 +176,14 @@ def _table(read: list[tuple[Any, Any]]) -> tuple[list[RawColumn], set[str]]:
 
 
 def _unit(channel: Any) -> str:  # noqa: ANN401  npTDMS has no types
-    return str(
-        channel.properties.get("unit_string", channel.properties.get("NI_UnitDescription", ""))
-    )
+    """Return the unit of a channel, empty where none is stated or what stands there is no text."""
+    unit = _stated(channel)
+    return unit if isinstance(unit, str) and unit.isprintable() else ""
+
+
+def _stated(channel: Any) -> object:  # noqa: ANN401  npTDMS has no types
+    own = channel.properties
+    return own.get("unit_string", own.get("NI_UnitDescription", ""))
 
 
 def _start_ns(channel: Any) -> int | None:  # noqa: ANN401  npTDMS has no types
