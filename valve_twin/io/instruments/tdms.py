@@ -119,7 +119,7 @@ def _untaken(path: Path, channels: list[Any]) -> Iterator[str]:
             yield f"{path}: channel '{c.name}' holds no values"
         elif c.dtype is None or c.dtype.kind not in _NUMBERS:
             yield f"{path}: channel '{c.name}' holds no numbers ({c.dtype}) and is left out"
-        elif _stated(c) and not _unit(c):
+        elif _stated(c) != "" and not _unit(c):
             yield f"{path}: the unit of channel '{c.name}' is no text and is left out"
     known = {c.path for c in channels}
     with path.open("rb") as raw:
