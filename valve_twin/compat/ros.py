@@ -201,7 +201,7 @@ class Recess:
 
     `spin_until_future_complete` makes a function of C++ for the future that it is given. pybind11
     3.0 destroys the record of such a function, but gives neither its memory nor its reference to
-    the type back (pybind/pybind11#6010): 33 bytes a turn of a loop, 50 MB a day of a valve at 10 kHz.
+    the type back (pybind/pybind11#6010): 33 bytes a turn of a loop, 50 MB a day at 10 kHz.
     That is done here, once some spins have shown that it is kept; of a record that still lives, or
     where pybind11 keeps none, nothing is touched. Goes when no supported release keeps any.
     """
