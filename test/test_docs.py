@@ -55,6 +55,24 @@ def test_the_picture_shows_every_room():
     assert [r for r in sorted(rooms | within) if f">{r}<" not in picture] == []
 
 
+def test_no_room_of_the_picture_lies_on_another_or_beyond_its_floor():
+    picture = (DEVELOPERS / "architecture.svg").read_text(encoding="utf-8")
+    found = re.findall(
+        r'<rect class="(\w+)" x="(.+?)" y="(.+?)" width="(.+?)" height="(.+?)"', picture
+    )
+    boxes = [(kind, *map(float, at)) for kind, *at in found]
+    rooms = [b[1:] for b in boxes if b[0] == "room"]
+    floors = [b[1:] for b in boxes if b[0] in {"floor", "core"}]
+    for i, (x, y, wide, high) in enumerate(rooms):
+        for a, b, w, h in rooms[:i]:
+            assert x >= a + w or a >= x + wide or y >= b + h or b >= y + high, (x, y, a, b)
+        on = [f for f in floors if f[1] < y + high and y < f[1] + f[3] and f[0] < x + wide]
+        on = [f for f in on if x < f[0] + f[2]]
+        for a, b, w, h in on:
+            assert a <= x and x + wide <= a + w and b <= y and y + high <= b + h, (x, y)
+    assert len(rooms) > 30
+
+
 def test_what_the_documents_for_developers_name_exists():
     for page in sorted(DEVELOPERS.glob("*.md")):
         for name in re.findall(r"`([a-z_]+/[\w/.]*)`", page.read_text(encoding="utf-8")):
