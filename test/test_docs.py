@@ -69,7 +69,8 @@ def test_no_room_of_the_picture_lies_on_another_or_beyond_its_floor():
         on = [f for f in floors if f[1] < y + high and y < f[1] + f[3] and f[0] < x + wide]
         on = [f for f in on if x < f[0] + f[2]]
         for a, b, w, h in on:
-            assert a <= x and x + wide <= a + w and b <= y and y + high <= b + h, (x, y)
+            assert a <= x < x + wide <= a + w, (x, y)
+            assert b <= y < y + high <= b + h, (x, y)
     assert len(rooms) > 30
 
 
