@@ -4,7 +4,11 @@
 
 from __future__ import annotations
 
+import io
+import sys
 import time
+
+import pytest
 
 from valve_twin.progress import Steps, progress
 
@@ -31,6 +35,18 @@ def test_lines_come_where_there_is_no_terminal(capsys):
         while "1 of 2 done" not in said and time.monotonic() < deadline:
             said += capsys.readouterr().err
     assert "evaluating designs: 1 of 2 done, about 0.0 min left" in said
+
+
+@pytest.mark.parametrize("to", [None, "closed"])
+def test_work_goes_on_where_nobody_can_be_told(to, monkeypatch):
+    if to is not None:
+        to = io.StringIO()
+        to.close()
+    monkeypatch.setattr(sys, "stderr", to)
+    with progress("evaluating designs", 2, every_s=1e-3) as step:
+        step()
+        time.sleep(0.02)
+    assert step.done == 1
 
 
 def test_short_work_is_silent(capsys):

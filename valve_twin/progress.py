@@ -7,7 +7,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Event, Thread
 from typing import TYPE_CHECKING
 
@@ -76,12 +76,14 @@ def progress(what: str, total: int | None, every_s: float = _EVERY_S) -> Iterato
         Time between lines where standard error is no terminal [s].
     """
     steps, ended = Steps(what, total), Event()
-    if not sys.stderr.isatty():
+    to = sys.stderr
+    if to is None or to.closed or not to.isatty():  # none of a service of Windows or with 2>&-
 
         def tell() -> None:
             while not ended.wait(every_s):
-                sys.stderr.write(f"{steps.line()}\n")
-                sys.stderr.flush()
+                with suppress(OSError, ValueError, AttributeError):  # nobody can be told
+                    to.write(f"{steps.line()}\n")
+                    to.flush()
 
         told = Thread(target=tell, daemon=True)
         told.start()

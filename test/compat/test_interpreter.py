@@ -43,6 +43,19 @@ def test_a_kernel_comes_from_its_cache_without_the_compiler_and_one_of_none_is_c
     assert programmed(KERNELS_ALONE) == "scipy.linalg was needed\n"  # now it is in the cache
 
 
+def test_who_wants_coverage_gets_it_after_the_kernels():
+    pytest.importorskip("coverage")
+    assert (
+        programmed(
+            "from valve_twin.compat.interpreter import load_kernels_alone\n"
+            "load_kernels_alone()\n"
+            "import sys; print('coverage' in sys.modules, end=' ')\n"
+            "import coverage; print(coverage.__name__)"
+        )
+        == "False coverage\n"
+    )
+
+
 def test_a_number_with_an_exponent_is_no_option():
     parser = argparse.ArgumentParser()
     parser.add_argument("--at", type=float, nargs="+")

@@ -84,11 +84,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(given: Sequence[str]) -> int:
     arguments = _parser(given[0] if given else "").parse_args(given)
     verb: Callable[[argparse.Namespace], int] = arguments.run
-    if arguments.verb in _COMPUTE:
-        from valve_twin.compat.interpreter import load_kernels_alone
-
-        load_kernels_alone(of_arrays=True)
     try:
+        if arguments.verb in _COMPUTE:
+            from valve_twin.compat.interpreter import load_kernels_alone
+
+            load_kernels_alone(of_arrays=True)
         try:
             code = verb(arguments)
         except IndexLiesError:  # what is wrong has been said; it is known from now on

@@ -52,6 +52,8 @@ def load_kernels_alone(*, of_arrays: bool = False) -> None:
         import_module("numba.core.entrypoints")._already_initialized = True  # type: ignore[attr-defined]
     runtime = import_module("numba.core.runtime").rtsys
     caches = import_module("numba.core.caching").Cache
+    if sys.modules.get("coverage") is None:
+        sys.modules.pop("coverage", None)  # whoever wants it now gets it
     if not all(
         hasattr(caches, name) for name in ("_guard_against_spurious_io_errors", "_load_overload")
     ):

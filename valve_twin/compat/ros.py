@@ -236,13 +236,13 @@ class Recess:
         wait_s : float
             Time [s].
         """
-        kind = self._kind
+        kind, self._record = self._kind, 0
         before = sys.getrefcount(kind)
         try:
             executor.spin_until_future_complete(self, timeout_sec=wait_s)  # type: ignore[arg-type]
         finally:
             self._stop = None
-        if kind is None or self._kept is None or kind is not self._kind:
+        if kind is None or self._kept is None or kind is not self._kind or not self._record:
             return
         if self._kept < _SURE:  # memory that was given back is not looked at
             grown = sys.getrefcount(kind) - before

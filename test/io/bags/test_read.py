@@ -342,6 +342,32 @@ def test_metadata_that_counts_otherwise_than_its_files_is_told(small_bag, more, 
     assert (seen, messages) == (count, report["messages"])
 
 
+def test_statistics_that_count_no_channel_contradict_nobody(tmp_path, caplog):
+    """A writer of MCAP may leave the counts of the channels out."""
+    topic = {"name": "/a", "type": "std_msgs/msg/Float64", "serialization_format": "cdr"}
+    with (tmp_path / "bag_0.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+        channel = writer.register_channel("/a", "cdr", schema)
+        for i in range(5):
+            writer.add_message(channel, i * 1000, b"\0\1\0\0" + bytes(8), i * 1000)
+        writer._Writer__statistics.channel_message_counts.clear()
+        writer.finish()
+    about = {
+        "version": 9,
+        "storage_identifier": "mcap",
+        "relative_file_paths": ["bag_0.mcap"],
+        "message_count": 5,
+        "topics_with_message_count": [{"topic_metadata": topic, "message_count": 5}],
+    }
+    text = yaml.safe_dump({"rosbag2_bagfile_information": about})
+    (tmp_path / "metadata.yaml").write_text(text, encoding="utf-8")
+    with caplog.at_level(logging.WARNING):
+        bag_info(tmp_path)
+    assert "counts" not in caplog.text
+
+
 @pytest.mark.parametrize("keep", [1, 8, 20])
 def test_a_file_cut_before_its_first_message_is_named(small_bag, keep):
     path = small_bag / "small_0.mcap"

@@ -278,6 +278,8 @@ def test_the_rule_cannot_be_lifted_while_it_plays(graph, bag):
         (result,) = node.set_parameters([node.get_parameter(name).__class__(name, value=value)])
         assert not result.successful
         assert "takes effect at" in result.reason
+    (result,) = node.set_parameters([node.get_parameter("allow_live")])  # as `ros2 param load`
+    assert result.successful, result.reason
 
 
 def test_the_command_line_ends_before_a_real_valve(graph, bag):

@@ -116,6 +116,8 @@ def wrong_counts(folder: BagFolder, opened: Sequence[McapFile]) -> str:
         statistics = file.summary.statistics
         if statistics is None or (file.damage is not None and file.damage.losses):
             return ""
+        if sum(statistics.counts.values()) != statistics.message_count:
+            return ""  # a writer need not say how many each channel has
         for channel in file.summary.channels.values():
             held[topic_name(channel.topic)] += statistics.counts.get(channel.id, 0)
     stated = Counter({topic_name(name): n for name, n in folder.counts.items()})

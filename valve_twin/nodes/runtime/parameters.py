@@ -179,6 +179,8 @@ class Parameters:
             declared = self._node.has_parameter(parameter.name)
             local = spec.local if spec is not None else parameter.name == _CLOCK
             if local and declared and not self[_REMOTE]:
+                if self._node.get_parameter(parameter.name).value == parameter.value:
+                    continue  # as of a file of all that the node has
                 reason = (
                     f"'{parameter.name}' takes effect at the start and is not changed from afar: "
                     f"give it when the node is started, or start it with {_REMOTE}"
