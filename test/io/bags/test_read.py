@@ -352,7 +352,7 @@ def test_statistics_that_count_no_channel_contradict_nobody(tmp_path, caplog):
         channel = writer.register_channel("/a", "cdr", schema)
         for i in range(5):
             writer.add_message(channel, i * 1000, b"\0\1\0\0" + bytes(8), i * 1000)
-        writer._Writer__statistics.channel_message_counts.clear()
+        vars(writer)["_Writer__statistics"].channel_message_counts.clear()
         writer.finish()
     about = {
         "version": 9,
