@@ -7,8 +7,6 @@ import os
 import queue
 import signal
 import socket
-import subprocess
-import sys
 from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ import pytest
 
 from test.nodes.conftest import has_ended
 from test.nodes.forked import mother, warm_worker
+from test.programmed import programmed
 from valve_twin.nodes.runtime.worker import WorkerProcess
 
 pytestmark = pytest.mark.ros
@@ -90,4 +89,4 @@ for asked in (
     assert outcome.result is True, (asked, outcome)
 worker.close()
 """
-    subprocess.run([sys.executable, "-c", code], check=True)
+    programmed(code)

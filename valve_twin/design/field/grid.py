@@ -137,19 +137,16 @@ def _counts(
     skin: float,
 ) -> tuple[list[int], list[int]]:
     """Return how many cells stand between base lines where it is like another section; 0 = own."""
-    own = tuple([0] * (len(base) - 1) for base in bases)
+    own = [0] * (len(bases[0]) - 1), [0] * (len(bases[1]) - 1)
     if section.like is None:
-        return own[0], own[1]
+        return own
     there, _ = _corners(section.like)
     if [len(a) for a in there] != [len(a) for a in corners]:
-        return own[0], own[1]  # other parts
+        return own  # other parts
     lines = _lines(section.like, fine, skin, _slanted(section.like))
     near = _near(section)
-    found = tuple(
-        _between(base, here, like, all_lines, near)
-        for base, here, like, all_lines in zip(bases, corners, there, lines, strict=True)
-    )
-    return found[0], found[1]
+    r, z = (_between(bases[k], corners[k], there[k], lines[k], near) for k in (0, 1))
+    return r, z
 
 
 def _between(

@@ -96,10 +96,11 @@ def bag_info(path: str | Path) -> BagInfo:
     custom = dict(folder.custom)
     with ExitStack() as stack:
         opened = [open_file(f, stack) for f in folder.files]
-        tell_counts(folder, opened)
         for file in opened:
             custom = {**file.summary.metadata.get("valve_twin", {}), **custom}
-        return contents(Path(path), opened, custom)
+        info = contents(Path(path), opened, custom)
+        tell_counts(folder, opened, info)
+        return info
 
 
 def open_file(path: Path, stack: ExitStack) -> McapFile:
@@ -109,20 +110,26 @@ def open_file(path: Path, stack: ExitStack) -> McapFile:
     return file
 
 
-def wrong_counts(folder: BagFolder, opened: Sequence[McapFile]) -> str:
-    """Return how metadata and sound files disagree upon the number of messages, empty = not."""
-    held: Counter[str] = Counter()
-    for file in opened:
-        statistics = file.summary.statistics
-        if statistics is None or (file.damage is not None and file.damage.losses):
-            return ""
-        if sum(statistics.counts.values()) != statistics.message_count:
-            return ""  # a writer need not say how many each channel has
-        for channel in file.summary.channels.values():
-            held[topic_name(channel.topic)] += statistics.counts.get(channel.id, 0)
+def wrong_counts(folder: BagFolder, opened: Sequence[McapFile], info: BagInfo) -> str:
+    """Return how metadata and sound files disagree upon the number of messages, empty = not.
+
+    Parameters
+    ----------
+    folder : BagFolder
+        What the metadata says.
+    opened : sequence of McapFile
+        The files.
+    info : BagInfo
+        What they hold.
+    """
+    damaged = any(f.damage is not None and f.damage.losses for f in opened)
+    unknown = min(info.message_count, *(t.count for t in info.topics), 0) < 0
+    if not folder.counts or damaged or unknown:
+        return ""
+    held = Counter({t.name: t.count for t in info.topics})
     stated = Counter({topic_name(name): n for name, n in folder.counts.items()})
     wrong = sorted(name for name in {*held, *stated} if held[name] != stated[name])
-    if not folder.counts or not wrong:
+    if not wrong:
         return ""
     told = "; ".join(
         f"counts {stated[name]} messages of {name}, its files hold {held[name]}"
@@ -132,9 +139,15 @@ def wrong_counts(folder: BagFolder, opened: Sequence[McapFile]) -> str:
     return f"{folder.files[0].parent / FILE_NAME}: {told}{more}"
 
 
-def tell_counts(folder: BagFolder, opened: Sequence[McapFile]) -> None:
-    """Say on the log where metadata counts otherwise than its files."""
-    if line := wrong_counts(folder, opened):
+def tell_counts(folder: BagFolder, opened: Sequence[McapFile], info: BagInfo) -> None:
+    """Say on the log where metadata counts otherwise than its files.
+
+    Parameters
+    ----------
+    folder, opened, info
+        As of `wrong_counts`.
+    """
+    if line := wrong_counts(folder, opened, info):
         _LOGGER.warning("%s", line)
 
 
@@ -161,8 +174,10 @@ def contents(path: Path, opened: Sequence[McapFile], custom: dict[str, str]) -> 
         if statistics is not None and statistics.message_count:
             starts.append(statistics.start_ns)
             ends.append(statistics.end_ns)
-        for channel in summary.channels.values():
-            _add_topic(topics, file, channel)
+        counts = {} if statistics is None else statistics.counts
+        told = statistics is not None and sum(counts.values()) == statistics.message_count
+        for channel in summary.channels.values():  # a writer need not say how many each has
+            _add_topic(topics, file, channel, counts.get(channel.id, 0) if told else -1)
     return BagInfo(
         path=path,
         files=tuple(f.path for f in opened),
@@ -175,11 +190,9 @@ def contents(path: Path, opened: Sequence[McapFile], custom: dict[str, str]) -> 
     )
 
 
-def _add_topic(topics: dict[str, TopicInfo], file: McapFile, channel: Channel) -> None:
+def _add_topic(topics: dict[str, TopicInfo], file: McapFile, channel: Channel, count: int) -> None:
     name = topic_name(channel.topic)
-    statistics = file.summary.statistics
     schema = file.summary.schemas.get(channel.schema_id)
-    count = -1 if statistics is None else statistics.counts.get(channel.id, 0)
     before = topics.get(name)
     if before is not None:
         count = -1 if min(count, before.count) < 0 else count + before.count

@@ -96,7 +96,7 @@ def bag_report(path: str | Path, *, verify: bool = False) -> BagReport:
                 part = file.damage.lost_count
                 lost = None if lost is None or part is None else lost + part
         info = contents(Path(path), opened, {**custom, **folder.custom})
-        notes += filter(None, [wrong_counts(folder, opened)])
+        notes += filter(None, [wrong_counts(folder, opened, info)])
     return BagReport(
         bag=str(path),
         files=[p.name for p in info.files],

@@ -187,9 +187,9 @@ def _open(path: str | Path, wanted: list[SignalSource]) -> _Bag:
     folder = bag_folder(path)
     with ExitStack() as stack:
         files = [open_file(name, stack) for name in folder.files]
-        tell_counts(folder, files)
-        parts = [_Part(f, _fields_of(f, wanted), _none_read(len(wanted))) for f in files]
         info = contents(Path(path), files, {})
+        tell_counts(folder, files, info)
+        parts = [_Part(f, _fields_of(f, wanted), _none_read(len(wanted))) for f in files]
         counts = _check_topics(info, wanted)
         known = -1 if -1 in counts else sum(counts)
         for part in parts:
