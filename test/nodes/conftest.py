@@ -73,16 +73,30 @@ def ready_s(pid: int) -> float:
     return int(path.read_text().split()[1]) * 1e-9 if path.exists() else 0.0
 
 
-def all_ready_s(*pids: int) -> float:
-    """Return how long all living threads of processes were ready and no core was free so far [s].
+class CoreWait:
+    """How long all threads of processes were ready from now on and no core was free.
 
-    Of those that waited at a time it is the sum.
+    What is counted with a thread goes when it ends: what was seen last is kept of it.
     """
-    waited_ns = 0
-    for task in itertools.chain.from_iterable(Path(f"/proc/{pid}/task").iterdir() for pid in pids):
-        with suppress(OSError):  # it has just ended, or nothing counts it
-            waited_ns += int((task / "schedstat").read_text().split()[1])
-    return waited_ns * 1e-9
+
+    def __init__(self, *pids: int) -> None:
+        self._pids = pids
+        self._begun = self._counted()
+        self._seen = dict(self._begun)
+
+    def so_far_s(self) -> float:
+        """Return it [s]: of those that waited at a time the sum; never less than before."""
+        self._seen |= self._counted()
+        return sum(ns - self._begun.get(task, 0) for task, ns in self._seen.items()) * 1e-9
+
+    def _counted(self) -> dict[Path, int]:
+        """Return what the kernel has counted for each living thread [ns]."""
+        counted = {}
+        folders = (Path(f"/proc/{pid}/task") for pid in self._pids)
+        for task in itertools.chain.from_iterable(folder.iterdir() for folder in folders):
+            with suppress(OSError):  # it has just ended, or nothing counts it
+                counted[task] = int((task / "schedstat").read_text().split()[1])
+        return counted
 
 
 def has_ended(pid: int) -> bool:

@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("asyncua", reason="needs the extra gateway")
 
 from test.gateway.opcua.test_access import write_pair
-from test.nodes.conftest import all_ready_s
+from test.nodes.conftest import CoreWait
 from test.nodes.opcua_source.plc import Plc
 from test.ports import free_port
 from valve_twin.nodes.opcua_source import subscription as module
@@ -50,12 +50,11 @@ class Client:
 
     def until(self, condition, most_s=60.0, beside: int = 0) -> float:
         """Wait for a condition; return how long it took with a core free for us and for a PLC."""
-        pids = (os.getpid(), *filter(None, [beside]))
-        begun, waited_s = time.monotonic(), all_ready_s(*pids)
+        begun, waited = time.monotonic(), CoreWait(os.getpid(), *filter(None, [beside]))
         while not condition():
             assert time.monotonic() < begun + most_s, self.figures
             time.sleep(0.02)
-        return time.monotonic() - begun - (all_ready_s(*pids) - waited_s)
+        return time.monotonic() - begun - waited.so_far_s()
 
     def stamps(self, tag=0):
         return [s.stamp_ns for s in self.take() if s.tag == tag and s.stamp_ns < LATER_NS]

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from valve_twin_msgs.msg import Float64Series, Float64Stamped, Prediction, PredictionSeries
 
-from test.nodes.conftest import NS, all_ready_s, ready_s
+from test.nodes.conftest import NS, CoreWait, ready_s
 from test.nodes.feeding import START_NS, Feeder
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.nodes.runtime.stamps import from_time, to_time
@@ -395,23 +395,18 @@ def figures(diagnostics):
     return {v.key: v.value for v in found[-1].values} if found else {}
 
 
-def without_a_core_s(twin):
-    """Return how long twin and this process, all threads, have waited for a core so far [s]."""
-    return all_ready_s(twin.pid, os.getpid())
-
-
 def silence_s(graph, feeder, found, twin):
     """Return how long what is fed from now on is not predicted while cores are free [s]."""
+    begun_s, waited = time.monotonic(), CoreWait(twin.pid, os.getpid())
 
     def with_a_core_s():
-        return time.monotonic() - without_a_core_s(twin)
+        return time.monotonic() - begun_s - waited.so_far_s()
 
-    begin_s = with_a_core_s()
     first_ns = START_NS + feeder.period_ns * feeder.sent
     while from_time(found[-1].header.stamp) < first_ns:
         at_pace(graph, feeder, PERIOD_S)
-        assert with_a_core_s() - begin_s < 60.0, twin.log[-3000:]
-    return with_a_core_s() - begin_s
+        assert with_a_core_s() < 60.0, twin.log[-3000:]
+    return with_a_core_s()
 
 
 def test_a_message_of_0_bytes_silences_a_topic_for_a_second_at_most(graph, history):
