@@ -32,6 +32,9 @@ _MAPPED = re.compile(rf" (\d+) +/\S*/{_NAME}( \(deleted\))?$", re.MULTILINE)
 _UNBORN_S = 2.0
 """A port that is not ready for so long has no maker: to make one takes microseconds [s]."""
 
+_BEING_MADE_S = 0.2
+"""A younger one may have a maker that cannot be seen from here, in another container [s]."""
+
 _UNREADY = (0, 1)
 _CORRUPTED = 3
 """First word of a managed segment of boost::interprocess; 2 = ready. Who waits leaves at 3 [1]."""
@@ -73,7 +76,7 @@ def _remove_unborn(path: Path, processes: Path) -> None:
         if word not in _UNREADY:
             return
         age_s = time.time() - os.fstat(file.fileno()).st_mtime
-        if age_s > _UNBORN_S or not _is_open(path, processes):
+        if age_s > _UNBORN_S or (age_s > _BEING_MADE_S and not _is_open(path, processes)):
             file.seek(0)
             file.write(_CORRUPTED.to_bytes(4, sys.byteorder))
             path.unlink()
