@@ -189,12 +189,14 @@ STRANGER = "import rclpy; rclpy.init(); rclpy.create_node('n'); print('made', fl
 
 
 def leave_unborn(domain):
-    """Leave ports as killed makers do: sized, and no word that they are ready."""
-    first = 7400 + 250 * domain
+    """Leave ports as makers do that were killed half a second ago: no word that they are ready."""
+    first, made_s = 7400 + 250 * domain, time.time() - 0.5
     for name in ("fastrtps", "fastdds"):
         for port in range(first + 10, first + 40):
-            with suppress(FileExistsError), Path(f"/dev/shm/{name}_port{port}").open("xb") as file:
+            path = Path(f"/dev/shm/{name}_port{port}")
+            with suppress(FileExistsError), path.open("xb") as file:
                 file.truncate(52400)
+                os.utime(path, (made_s, made_s))
 
 
 def test_a_node_starts_where_others_were_killed_while_they_made_their_ports(graph, tmp_path):
