@@ -207,11 +207,14 @@ def test_a_node_starts_where_others_were_killed_while_they_made_their_ports(grap
 
 
 def stands_before_a_port(pid):
-    """Whether a process has one of shared memory open."""
+    """Whether a process has one open that is not ready."""
     for place in Path(f"/proc/{pid}/fd").iterdir():
         with suppress(OSError):  # it has just been closed
-            if re.match(r"/dev/shm/fast\w+_port\d+$", str(place.readlink())):
-                return True
+            path = place.readlink()
+            if re.match(r"/dev/shm/fast\w+_port\d+$", str(path)):
+                with path.open("rb") as file:
+                    if file.read(4) == bytes(4):
+                        return True
     return False
 
 
