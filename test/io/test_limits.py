@@ -17,7 +17,7 @@ import zstandard
 from mcap.records import Schema
 
 from test import peak
-from test.io import foreign_designs, foreign_estimates, foreign_verbs
+from test.io import foreign_designs, foreign_estimates, foreign_lies, foreign_verbs
 from test.io.foreign import INSTRUMENTS, SUBJECTS, campaign, imported
 from valve_twin.io.bags.folder import find_files
 from valve_twin.io.cdr.bag_types import BagTypes
@@ -228,6 +228,21 @@ def test_five_hundred_imports_do(kind, part, tmp_path):
 
 def test_every_verb_tells_what_a_mutated_bag_lacks(tmp_path):
     assert foreign_verbs.of_bags(tmp_path, 3, 16) == []
+
+
+@pytest.mark.parametrize("kind", [foreign_lies.of_files, foreign_lies.of_folders])
+def test_every_verb_tells_what_a_consistent_lie_hides(kind, tmp_path):
+    assert kind(tmp_path, 4, 12) == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("part", range(10))
+def test_each_of_ten_thousand_lies_is_told_or_loses_nothing(part, tmp_path):
+    (tmp_path / "files").mkdir()
+    (tmp_path / "folders").mkdir()
+    assert foreign_lies.of_files(tmp_path / "files", 400, 800, 800 * part) == []
+    assert foreign_lies.of_folders(tmp_path / "folders", 401, 200, 200 * part) == []
 
 
 def test_a_mutated_bag_is_played_as_the_sound_one_or_named(tmp_path):

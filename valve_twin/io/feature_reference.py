@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from valve_twin.core.diagnosis.given.judged import unusable
 from valve_twin.core.diagnosis.given.reference import FeatureReference, Level, Product
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.limits import CONSTRUCTORS_MEET
 from valve_twin.io.sealed import seal
 from valve_twin.io.whole import write_whole
 
@@ -82,7 +83,7 @@ def _parsed(content: bytes, name: str) -> FeatureReference | None:
     try:
         found = _reference(json.loads(content), name)
         return found if _is_whole(found) else None
-    except (ValueError, TypeError, LookupError, AttributeError, RecursionError):
+    except CONSTRUCTORS_MEET:
         return None
 
 

@@ -47,7 +47,8 @@ CONSTRUCTORS_MEET = (
     KeyError,
     IndexError,
 )
-"""What PyYAML raises where a tag or a number is not what it stands for."""
+"""What PyYAML and json raise where a text is not what it stands for, and who takes apart what they
+read."""
 
 
 class BoundError(yaml.YAMLError):

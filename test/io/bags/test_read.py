@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
 import logging
+import re
 import shutil
 import sqlite3
 from contextlib import contextmanager
@@ -317,6 +318,25 @@ def test_a_file_that_metadata_names_twice_is_read_once_and_told(small_bag, caplo
     note, count, messages = noted(small_bag, caplog)
     assert note.endswith("metadata.yaml: names small_0.mcap twice; it is read once")
     assert (count, messages) == (len(column.values), report["messages"])
+
+
+def test_two_files_of_one_name_in_two_folders_are_two(small_bag, caplog):
+    whole = read_columns(small_bag, [POSITION])[0]
+    data = (small_bag / "small_0.mcap").read_bytes()
+    (small_bag / "small_0.mcap").unlink()
+    for place in ("x", "y"):
+        (small_bag / place).mkdir()
+        (small_bag / place / "a.mcap").write_bytes(data)
+    path = small_bag / "metadata.yaml"
+    text = path.read_text().replace("- small_0.mcap", "- x/a.mcap\n  - y/a.mcap")
+    path.write_text(re.sub("(?<=message_count: )([0-9]+)", lambda m: str(2 * int(m[0])), text))
+    report = bag_report(small_bag, verify=True)
+    assert (report["damaged"], report["files"]) == (False, ["x/a.mcap", "y/a.mcap"])
+    assert len(read_columns(small_bag, [POSITION])[0]) == 2 * len(whole)
+    assert caplog.text == ""
+    path.write_text(path.read_text().replace("- y/a.mcap", "- y/a.mcap\n  - x/a.mcap"))
+    (note,) = bag_report(small_bag)["notes"]
+    assert note.endswith("metadata.yaml: names x/a.mcap twice; it is read once")
 
 
 def test_a_file_that_metadata_does_not_name_is_left_out_and_told(small_bag, caplog):

@@ -9,7 +9,10 @@ from importlib import import_module
 import numpy as np
 import pytest
 
+from test.io import lies
 from test.io.salvage.damage_truth import TOPICS, written
+from valve_twin.cli import main
+from valve_twin.io.bags.contents import bag_info
 from valve_twin.io.bags.read import read_columns
 from valve_twin.io.bags.report import bag_report
 from valve_twin.io.cdr.signals import SignalSource
@@ -269,3 +272,142 @@ def test_a_file_without_chunks_that_breaks_in_the_middle_says_so(what, summary, 
         assert any(str(seventh) in str(line["line"]) for line in report["damage"])
     names = {m.topic for m in read_messages(path, list(TOPICS))}
     assert names == set(TOPICS)
+
+
+def apart(kind, folder, count=120):
+    """Return a sound bag of a kind, taken apart."""
+    return lies.taken_apart(written(kind, np.random.default_rng(3), folder, count).data)
+
+
+def turned(bag):
+    """Let the summary exchange the topics of two channels."""
+    whole = [r for c in bag.chunks for r in c.defined] + [
+        i for i in bag.items if isinstance(i, lies.Record)
+    ]
+    bag.defined = [
+        lies.remapped(r, {1: 2, 2: 1}) for r in whole if r.op in {lies.SCHEMA, lies.CHANNEL}
+    ]
+
+
+def other_type(bag):
+    """Let the summary define a type by a text of the same size."""
+    turned(bag)
+    assert bag.defined is not None
+    bag.defined = [
+        lies.Record(r.op, r.body.replace(b"float64 value", b"uint64  value"))
+        for r in (lies.remapped(one, {1: 2, 2: 1}) for one in bag.defined)
+    ]
+
+
+@pytest.mark.parametrize("kind", ["zstd-crc-2000", "none-crc-2000"])
+@pytest.mark.parametrize("lie", [turned, other_type], ids=lambda f: f.__name__)
+def test_topics_are_those_that_the_data_define(lie, kind, tmp_path, caplog):
+    bag = apart(kind, tmp_path)
+    sound, path = tmp_path / "sound.mcap", tmp_path / "lying.mcap"
+    sound.write_bytes(lies.written(bag).data)
+    lie(bag)
+    path.write_bytes(lies.written(bag).data)
+    sources = [SignalSource(n.split("/")[-1], n) for n in list(TOPICS)[:2]]
+    assert caplog.text == ""
+    for a, b in zip(read_columns(path, sources), read_columns(sound, sources), strict=True):
+        assert a.values.tobytes() == b.values.tobytes()
+    assert str(path) in caplog.text
+    assert bag_report(path, verify=True)["damaged"]
+
+
+def test_a_topic_that_is_defined_anew_behind_messages_is_told(tmp_path, caplog):
+    import_module("valve_twin.io.cdr.columns_kernel")
+    bag = apart("zstd-crc-2000", tmp_path)
+    topics = {r.body[:2]: r for c in bag.chunks for r in c.defined if r.op == lies.CHANNEL}
+    chunk, path = bag.chunks[2], tmp_path / "lying.mcap"
+    data = lies.written(bag).data
+    path.write_bytes(data)
+    (sound,) = read_columns(path, [SignalSource("position", "/press/position")])
+    assert caplog.text == ""
+    first, other = topics[b"\1\0"], topics[b"\2\0"]
+    chunk.late = lies.Record(lies.CHANNEL, first.body[:2] + other.body[2:])
+    path.write_bytes(lies.written(bag).data)
+    forget()
+    (found,) = read_columns(path, [SignalSource("position", "/press/position")])
+    assert str(path) in caplog.text
+    assert len(found) <= len(sound)
+    assert bag_report(path, verify=True)["damaged"]
+
+
+def test_messages_of_a_channel_that_nothing_defines_are_told(tmp_path, caplog):
+    bag = apart("zstd-crc-2000", tmp_path)
+    bag.layout = lies.Layout(indexes=False, counts=False)
+    chunk = bag.chunks[1]
+    chunk.messages = [lies.renumbered(m, {1: 77}) for m in chunk.messages]
+    path = tmp_path / "lying.mcap"
+    path.write_bytes(lies.written(bag).data)
+    cut(path, tmp_path / "cut")
+    assert "77" in caplog.text
+    assert bag_report(path, verify=True)["lost_messages"]
+
+
+def test_a_bag_without_chunks_and_summary_is_cut_from_begin_to_end(tmp_path):
+    bag = apart("loose-crc-0", tmp_path)
+    bag.layout = lies.Layout(summary=False)
+    path = tmp_path / "loose.mcap"
+    path.write_bytes(lies.written(bag).data)
+    held = bag.held()
+    info = bag_info(path)
+    assert info.message_count == len(held)
+    assert (info.start_ns, info.end_ns) == (held[0].log_ns, max(m.log_ns for m in held))
+    assert main(["cut", str(path), "--out", str(tmp_path / "cut")]) == 0
+    assert bag_info(tmp_path / "cut").message_count == len(held)
+
+
+def test_topics_that_no_summary_repeats_are_read_from_the_data(tmp_path, caplog):
+    bag = apart("zstd-crc-2000", tmp_path)
+    bag.layout = lies.Layout(repeats=False, indexes=False)
+    path = tmp_path / "sparse.mcap"
+    path.write_bytes(lies.written(bag).data)
+    (found,) = read_columns(path, [SignalSource("position", "/press/position")])
+    assert len(found) == 120
+    assert caplog.text == ""
+
+
+def stray_counts(bag):
+    """Put statistics among the data, of a file without a summary."""
+    bag.layout = lies.Layout(summary=False)
+    row = lies.replace(lies.written(bag).counts, total=3).record()
+    bag.items.insert(3, lies.Record(row[0], row[9:]))
+
+
+def turned_offsets(bag):
+    bag.offset_turn = 1
+
+
+def wrong_sum(bag):
+    bag.data_sum = 5
+
+
+def first_summary(bag):
+    bag.before = lies.written(bag).summary
+
+
+def wrong_attachment(bag):
+    bag.items.insert(1, lies.attachment("a", b"abc", 7, 5))
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [stray_counts, turned_offsets, wrong_sum, first_summary, wrong_attachment],
+    ids=lambda f: f.__name__,
+)
+def test_what_others_would_believe_is_told_though_nothing_is_lost(lie, tmp_path):
+    bag = apart("zstd-crc-2000", tmp_path)
+    bag.layout = lies.Layout(data_sum=True)
+    path = tmp_path / "lying.mcap"
+    path.write_bytes(lies.written(bag).data)
+    assert not bag_report(path, verify=True)["damaged"]
+    lie(bag)
+    path.write_bytes(lies.written(bag).data)
+    report = bag_report(path, verify=True)
+    assert report["damaged"]
+    assert report["lost_messages"] == 0
+    assert report["messages"] == len(bag.held())
+    (found,) = read_columns(path, [SignalSource("position", "/press/position")])
+    assert len(found) == 120

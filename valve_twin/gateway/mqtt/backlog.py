@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from valve_twin.io.bags.file import hold
 from valve_twin.io.errors import StoreError, ValveTwinError, unwritable
+from valve_twin.io.limits import CONSTRUCTORS_MEET
 from valve_twin.io.whole import write_whole
 
 if TYPE_CHECKING:
@@ -299,7 +300,7 @@ def _load(path: Path, of: str) -> dict[str, Any]:
     except OSError as err:
         msg = f"{path}: cannot be read: {err.strerror or err}"
         raise StoreError(msg) from err
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except CONSTRUCTORS_MEET:
         sound = False
     if not sound:
         msg = f"{path}: holds no marks of MQTT: remove it to begin with what is stored from now on"

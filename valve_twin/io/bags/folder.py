@@ -72,25 +72,33 @@ def find_files(path: str | Path) -> BagFolder:
         if not any(map(_is_mcap, present)):
             raise
         return BagFolder(present, {}, flaw=f"{err}; all .mcap files of the folder are read")
-    named = Counter(folder / Path(name).name for name in metadata.files)
-    twice = _names(p for p, count in named.items() if count > 1)
+    named = Counter(_place(folder, name) for name in metadata.files)
+    twice = _names(folder, (p for p, count in named.items() if count > 1))
     missing = tuple(p for p in named if not p.is_file())
     spare = [p for p in present if p not in named]
     flaws = [f"names {twice} twice; it is read once"] if twice else []
     files = tuple(named)
     if missing and spare:
-        flaws.append(f"names {_names(missing)}, which is not there; read instead: {_names(spare)}")
+        there, gone = _names(folder, spare), _names(folder, missing)
+        flaws.append(f"names {gone}, which is not there; read instead: {there}")
         files = tuple(sorted([p for p in named if p.is_file()] + spare, key=natural_order))
         missing = ()
     elif spare:
-        flaws.append(f"does not name {_names(spare)}, which is left out")
+        flaws.append(f"does not name {_names(folder, spare)}, which is left out")
     flaw = f"{folder / FILE_NAME}: {'; '.join(flaws)}" if flaws else ""
     counts = {} if flaws or missing else dict(metadata.counts)
     return BagFolder(files, dict(metadata.custom), missing, flaw, counts)
 
 
-def _names(paths: Iterable[Path]) -> str:
-    return ", ".join(p.name for p in paths)
+def _place(folder: Path, name: str) -> Path:
+    """Return where a named file is: below the folder, else in it, as old bags name theirs."""
+    path = Path(name)
+    is_below = not path.is_absolute() and ".." not in path.parts
+    return folder / path if is_below and (folder / path).is_file() else folder / path.name
+
+
+def _names(folder: Path, paths: Iterable[Path]) -> str:
+    return ", ".join(str(p.relative_to(folder)) for p in paths)
 
 
 def bag_folder(path: str | Path) -> BagFolder:

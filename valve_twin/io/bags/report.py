@@ -73,6 +73,7 @@ def bag_report(path: str | Path, *, verify: bool = False) -> BagReport:
         If there is no such bag or nothing in it is intact.
     """
     folder = find_files(path)
+    place = Path(path) if Path(path).is_dir() else Path(path).parent
     notes = [folder.flaw] if folder.flaw else []
     notes += [f"{p}: the file is missing" for p in folder.missing]
     losses: list[Loss] = []
@@ -99,7 +100,7 @@ def bag_report(path: str | Path, *, verify: bool = False) -> BagReport:
         notes += filter(None, [wrong_counts(folder, opened, info)])
     return BagReport(
         bag=str(path),
-        files=[p.name for p in info.files],
+        files=[str(p.relative_to(place)) for p in info.files],
         size=info.size,
         start_ns=info.start_ns,
         end_ns=info.end_ns,

@@ -243,7 +243,8 @@ def _choose(part: _Part, *, compiled: bool) -> None:
         for f in part.fields
         if f.row not in slow and (layout := found[id(f)]) is not None
     ]
-    part.walker = Walker(plans, part.read) if plans else None
+    channels = part.file.summary.channels
+    part.walker = Walker(plans, part.read, channels) if plans else None
     part.channels = frozenset(f.channel for f in part.fields)
 
 

@@ -165,9 +165,13 @@ class Walker:
         What is wanted; a row stands in it with all its channels or not at all.
     read : (R, 4) int64 array
         Messages read of this file and batches whose period cannot be, by row; grows.
+    known : collection of int
+        Channels that the file defines.
     """
 
-    def __init__(self, fields: Sequence[FieldPlan], read: IntArray) -> None:
+    def __init__(
+        self, fields: Sequence[FieldPlan], read: IntArray, known: Collection[int]
+    ) -> None:
         from valve_twin.io.cdr import columns_kernel as kernel
 
         self._take, self._read = kernel.take, read
@@ -177,7 +181,8 @@ class Walker:
         self._rows = {f.row for f in fields}
         steps = max((len(f.layout.steps) for f in fields), default=0)
         plan = np.zeros((len(fields), kernel.FIRST_STEP + 4 * steps), dtype=np.int64)
-        first = np.full(1 + max((f.channel for f in fields), default=0), -1, dtype=np.int64)
+        first = np.full(1 + max(known, default=0), kernel.UNDEFINED, dtype=np.int64)
+        first[sorted(known)] = -1
         for k, field in enumerate(fields):
             layout = field.layout
             plan[k, kernel.ROW], plan[k, kernel.NEXT] = field.row, first[field.channel]

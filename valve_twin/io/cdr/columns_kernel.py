@@ -37,6 +37,7 @@ ROW, NEXT, NUMBER, SIZE, BATCHED, STEPS, FIRST_STEP = 0, 1, 2, 3, 4, 5, 6
 # columns of `memory`, `SLOTS` rows a mapped field of a channel; words follow as place, value
 LENGTH, STAMP_AT, VALUE_AT, PERIOD_AT, COUNT, WORDS, FIRST_WORD = 0, 1, 2, 3, 4, 5, 6
 MEMORY_SIZE = FIRST_WORD + 2 * MAX_WORDS
+UNDEFINED = -2
 SLOTS = 32
 """Layouts that are kept of a field, by the size of the message [1]."""
 
@@ -51,7 +52,8 @@ _ABSENT = -1
 _TERMINATOR = -1
 _MESSAGE, _INDEX = int(Op.MESSAGE), int(Op.MESSAGE_INDEX)
 _NONE, _TORN, _PLACES = int(Flaw.NONE), int(Flaw.TORN), int(Flaw.PLACES)
-_COUNT, _TIMES = int(Flaw.COUNT), int(Flaw.TIMES)
+_COUNT, _TIMES, _LATE = int(Flaw.COUNT), int(Flaw.TIMES), int(Flaw.LATE)
+_SCHEMA, _CHANNEL = int(Op.SCHEMA), int(Op.CHANNEL)
 FLAW_BITS = 8
 """Bits of what `take` returns that hold the flaw; the others count odd signals."""
 
@@ -321,7 +323,7 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
         The file, and what it states of the records: begin and end of their message indexes in it
         [B], first and last log time [ns]; begin -1 = nothing.
     first_of : (C,) int64 array
-        By channel, the first of its fields, -1 = none.
+        By channel, the first of its fields, -1 = none, `UNDEFINED` = nothing defines it.
     plan : (K, .) int64 array
         What is wanted of each field.
     memory : (SLOTS K, .) int64 array
@@ -348,13 +350,14 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
         counts[row, BEFORE], counts[row, ODD] = counts[row, SAMPLES], 0
         read[row, MESSAGES_BEFORE] = read[row, MESSAGES]
         read[row, REJECTED_BEFORE] = read[row, REJECTED]
-    odd, at, end, messages, sum_ = 0, 0, len(data), 0, 0
+    odd, at, end, messages, sum_, late = 0, 0, len(data), 0, 0, False
     while at + _RECORD_HEAD <= end:
         length = _i64(data, at + 1)
         if length < 0 or length > end - at - _RECORD_HEAD:
             break
         following = at + _RECORD_HEAD + length
         if data[at] != _MESSAGE:
+            late = late or (messages > 0 and (data[at] == _SCHEMA or data[at] == _CHANNEL))
             at = following
             continue
         if length < _MESSAGE_HEAD:
@@ -365,7 +368,8 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
         messages += 1
         channel = np.int64(_u16(data, at + _CHANNEL_AT))
         sum_ += _mixed(int(channel), _i64(data, at + _LOG_AT), at)
-        k = first_of[channel] if channel < len(first_of) else -1
+        k = first_of[channel] if channel < len(first_of) else UNDEFINED
+        late = late or k == UNDEFINED
         while k >= 0:
             row = plan[k, ROW]
             if counts[row, ODD] != 0:
@@ -441,4 +445,5 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
     if about[1][0] < 0:
         return odd << FLAW_BITS
     flaw = _index_flaw(data, messages, sum_, about[0], about[1]) if at == end else _TORN
+    flaw = _LATE if late and flaw == _NONE else flaw
     return odd << FLAW_BITS | flaw

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import zstandard
-from mcap.records import Metadata, MetadataIndex
+from mcap.records import Metadata
 
 from valve_twin.io.errors import BagError, IndexLiesError
 from valve_twin.io.limits import too_large
@@ -25,9 +25,17 @@ from valve_twin.io.mcap.format import (
     ChunkIndex,
     Op,
 )
-from valve_twin.io.mcap.index_check import Flaw, find_flaw
+from valve_twin.io.mcap.index_check import DEFINITIONS, Flaw, find_flaw
 from valve_twin.io.mcap.mapped import STRIDE, MappedFile
-from valve_twin.io.mcap.summary import Summary, contradiction, records_of
+from valve_twin.io.mcap.summary import (
+    OF_DATA,
+    Defined,
+    Loose,
+    Summary,
+    contradiction,
+    metadata_places,
+    records_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -59,6 +67,10 @@ class RawMessage:
 
 class DamagedError(BagError):
     """A file is damaged; perhaps a part of it can still be read."""
+
+
+class _DefinedOtherwiseError(DamagedError):
+    """A chunk defines topics or types otherwise than the summary: who chose by it is misled."""
 
 
 class McapFile:
@@ -100,6 +112,7 @@ class McapFile:
         self.content: ByteArray = np.frombuffer(self._view, dtype=np.uint8)
         self._compared: set[int] = set()
         self._sums: dict[int, int] = {}
+        self._defined = Defined()
         self.sum_stands = False
         self._unpacker = zstandard.ZstdDecompressor()
         self.summary = Summary()
@@ -110,6 +123,7 @@ class McapFile:
             self._salvaged(self._refusal(err))
         if self.damage is not None:
             self.summary = self.damage.summary
+        self._defined = Defined(self.summary)
         self._is_salvaged = self.damage is not None
 
     def _refusal(self, err: Exception) -> BagError:
@@ -163,7 +177,8 @@ class McapFile:
     def flaw_of(self, index: ChunkIndex, records: bytes | memoryview) -> Flaw:
         """Return how the records of a chunk compare with what is stated about them."""
         stated = self._view[index.index_at : index.index_at + index.index_length]
-        return find_flaw(records, stated, index.start_ns, index.end_ns)
+        span, channels = (index.start_ns, index.end_ns), self.summary.channels
+        return find_flaw(records, stated, *span, self._defined.holds, channels)
 
     def doubt(self, index: ChunkIndex, flaw: Flaw) -> bool:
         """Take note of how a chunk compares with what is stated about it.
@@ -186,14 +201,17 @@ class McapFile:
         Raises
         ------
         IndexLiesError
-            If chunks stand at other places or times than stated: what was read may lack some.
+            If chunks stand elsewhere or at other times than stated, or define topics otherwise.
         BagError
             If damaged files are refused.
         """
         self._compared.add(index.offset)
         if flaw is Flaw.NONE or self.damage is not None:
             return False
-        self._salvaged(self._damaged(index, flaw.text))
+        damaged = self._damaged(index, flaw.text)
+        self._salvaged(damaged)
+        if flaw is Flaw.DEFINITIONS:
+            raise IndexLiesError(str(damaged))
         self._check_order(index, flaw.text)
         return True
 
@@ -215,12 +233,14 @@ class McapFile:
         BagError
             If it is damaged and nothing in the file is intact.
         IndexLiesError
-            If it is damaged, and others stand at other places or times than stated.
+            If it is damaged, and others stand elsewhere than stated, or defines topics otherwise.
         """
         try:
             return self._unpacked(index) if self.damage is None else self._rescued(index)
         except DamagedError as err:
             self._salvaged(err)
+            if isinstance(err, _DefinedOtherwiseError):
+                raise IndexLiesError(str(err)) from err
             self._check_order(index, "it is damaged, and the summary lies about others")
             return self._rescued(index)
 
@@ -265,6 +285,8 @@ class McapFile:
         self.sum_stands = crc != 0
         if len(data) != size or (crc and crc32(data) != crc):
             raise self._damaged(index, "its check sum is wrong")
+        if self.damage is None and not self._defined.begins(data):
+            raise _DefinedOtherwiseError(str(self._damaged(index, Flaw.DEFINITIONS.text)))
         return data
 
     def _compare_heads(self, index: ChunkIndex, key: int, stated: tuple[int, int, int]) -> None:
@@ -313,17 +335,13 @@ class McapFile:
 
     def _read_summary(self) -> Summary:
         if len(self._map) < 2 * len(MAGIC) + FOOTER_SIZE or self._map[-len(MAGIC) :] != MAGIC:
-            msg = (
-                f"{self.path}: was cut after {len(self._map)} bytes, its recorder did not finish "
-                "it; rewrite it with 'valve-twin recover'"
-            )
-            raise DamagedError(msg)
+            msg = f"{self.path}: was cut after {len(self._map)} bytes, its recorder did not finish"
+            raise DamagedError(msg + " it; rewrite it with 'valve-twin recover'")
         if self._map[: len(MAGIC)] != MAGIC:
             msg = "the mark at its begin is wrong"
             raise ValueError(msg)
         footer = self._map[-FOOTER_SIZE : -len(MAGIC)]
-        op, _ = RECORD_HEAD.unpack_from(footer)
-        start, _, crc = struct.unpack_from("<QQI", footer, RECORD_HEAD.size)
+        op, _, start, _, crc = struct.unpack_from("<BQQQI", footer)
         if op != Op.FOOTER:
             msg = "no footer"
             raise ValueError(msg)
@@ -342,13 +360,14 @@ class McapFile:
         for op, begin, end in records_of(tail):
             summary.add(op, tail[begin:end])
         counted = summary.statistics
-        if not summary.chunks and (counted is None or counted.chunk_count):
+        known, chunked = summary.chunks, counted is None or counted.chunk_count
+        if (not known and chunked) or (known and not summary.channels):
             summary = self._scan(start)
-            summary.statistics = counted
+            summary.statistics = counted or summary.statistics
         problem = contradiction(self._map, summary, start)
         if problem:
             raise ValueError(problem)
-        for name, (offset, length) in _metadata_places(tail).items():
+        for name, (offset, length) in metadata_places(tail).items():
             body = self._map[offset + RECORD_HEAD.size : offset + length]
             found = Metadata.read(Body(body))
             summary.metadata[name] = found.metadata if found.name == name else {}
@@ -356,7 +375,7 @@ class McapFile:
 
     def _scan(self, end: int) -> Summary:
         """Read the records of the data section one by one: the summary names no chunks."""
-        summary = Summary()
+        summary, loose = Summary(), Loose()
         data, checked = self._view[len(MAGIC) : end], 0
         for op, begin, stop in records_of(data):
             if stop > checked:
@@ -374,23 +393,18 @@ class McapFile:
                     message_indexes={**chunk.message_indexes, channel: at},
                     index_length=chunk.index_length + stop - begin + RECORD_HEAD.size,
                 )
-            elif op != Op.MESSAGE:
+            elif op == Op.MESSAGE:
+                loose.add(data, begin - RECORD_HEAD.size)
+            elif op in OF_DATA:  # what a summary would say is no truth here
                 summary.add(op, bytes(data[begin:stop]))
         for chunk in summary.chunks:
             records = self.chunk(chunk)
             for op, begin, stop in records_of(records):
-                if op != Op.MESSAGE:
+                if op in DEFINITIONS:
                     summary.add(op, records[begin:stop])
+        if not summary.chunks:
+            summary.statistics = loose.statistics()
         return summary
-
-
-def _metadata_places(tail: bytes) -> dict[str, tuple[int, int]]:
-    places = {}
-    for op, begin, end in records_of(tail):
-        if op == Op.METADATA_INDEX:
-            found = MetadataIndex.read(Body(tail[begin:end]))
-            places[found.name] = (found.offset, found.length)
-    return places
 
 
 def record_pieces(

@@ -10,10 +10,11 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Channel, Metadata, MetadataIndex, Schema
 
 from valve_twin.io.mcap.format import (
     MAGIC,
+    MESSAGE_HEAD,
     RECORD_HEAD,
     Body,
     ChunkIndex,
@@ -22,7 +23,7 @@ from valve_twin.io.mcap.format import (
     read_chunk_index,
     read_statistics,
 )
-from valve_twin.io.mcap.index_check import ENTRY_SIZE, INDEX_HEAD
+from valve_twin.io.mcap.index_check import DEFINITIONS, ENTRY_SIZE, INDEX_HEAD
 
 if TYPE_CHECKING:
     import mmap
@@ -32,6 +33,9 @@ _CHUNK_INDEX = int(Op.CHUNK_INDEX)
 _NO_CHANNEL = 1 << 16
 _PRIVATE = 0x80
 _OFFSET = attrgetter("offset")
+_NEVER = 2**64
+OF_DATA = DEFINITIONS | {int(Op.MESSAGE), int(Op.ATTACHMENT), int(Op.METADATA)}
+"""Records that stand in a data section beside its chunks and their indexes."""
 
 
 @dataclass(slots=True)
@@ -60,6 +64,73 @@ class Summary:
             found = Metadata.read(Body(body))
             self.metadata[found.name] = found.metadata
 
+    def knows(self, record: bytes | memoryview) -> bool:
+        """Return whether a definition, record head included, stands here as it is."""
+        body = Body(bytes(record[RECORD_HEAD.size :]))
+        if record[0] == Op.SCHEMA:
+            schema = Schema.read(body)
+            return bool(self.schemas.get(schema.id) == schema)
+        channel = Channel.read(body)
+        return bool(self.channels.get(channel.id) == channel)
+
+
+class Defined:
+    """Definitions of a data section that the summary knows alike.
+
+    Parameters
+    ----------
+    summary : Summary, optional
+        What it knows; None = it is not read yet, and nothing contradicts it.
+    """
+
+    def __init__(self, summary: Summary | None = None) -> None:
+        self._summary = summary
+        self._seen: set[bytes] = set()
+
+    def holds(self, record: bytes) -> bool:
+        """Return whether the summary knows a definition, record head included, alike."""
+        if self._summary is None or record in self._seen:
+            return True
+        if not self._summary.knows(record):
+            return False
+        self._seen.add(record)
+        return True
+
+    def begins(self, records: bytes | memoryview) -> bool:
+        """Return whether it knows all alike that stand before the first message of a chunk."""
+        at, end = 0, len(records)
+        while at + RECORD_HEAD.size <= end:
+            op, length = RECORD_HEAD.unpack_from(records, at)
+            stop = at + RECORD_HEAD.size + length
+            if op == Op.MESSAGE or stop > end:
+                return True
+            if op in DEFINITIONS and not self.holds(bytes(records[at:stop])):
+                return False
+            at = stop
+        return True
+
+
+@dataclass(slots=True)
+class Loose:
+    """Messages outside chunks: how many of each channel, and their log times [ns]."""
+
+    counts: Counter[int] = field(default_factory=Counter)
+    start_ns: int = _NEVER
+    end_ns: int = 0
+
+    def add(self, data: mmap.mmap | memoryview, at: int) -> None:
+        """Count the message at a place."""
+        _, _, channel, _, log_ns, _ = MESSAGE_HEAD.unpack_from(data, at)
+        self.counts[channel] += 1
+        self.start_ns = min(self.start_ns, log_ns)
+        self.end_ns = max(self.end_ns, log_ns)
+
+    def statistics(self) -> Statistics:
+        """Return the statistics of a file that holds just these."""
+        count = self.counts.total()
+        start_ns = self.start_ns if count else 0
+        return Statistics(count, start_ns, self.end_ns, 0, dict(self.counts))
+
 
 def records_of(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, begin and end of the body of every whole record of a section."""
@@ -71,6 +142,16 @@ def records_of(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
             return
         yield op, begin, begin + length
         at = begin + length
+
+
+def metadata_places(tail: bytes) -> dict[str, tuple[int, int]]:
+    """Return offset and length of each metadata record that a summary names [B]."""
+    places = {}
+    for op, begin, end in records_of(tail):
+        if op == Op.METADATA_INDEX:
+            found = MetadataIndex.read(Body(tail[begin:end]))
+            places[found.name] = (found.offset, found.length)
+    return places
 
 
 def contradiction(data: mmap.mmap, summary: Summary, end: int) -> str:
@@ -90,24 +171,26 @@ def contradiction(data: mmap.mmap, summary: Summary, end: int) -> str:
     stats = summary.statistics
     if stats is not None and stats.counts and sum(stats.counts.values()) != stats.message_count:
         return "its counts do not add up"
-    loose: Counter[int] = Counter()
+    loose = Loose()
     at = len(MAGIC)
     for chunk in sorted(summary.chunks, key=_OFFSET):
         if chunk.offset != at:
-            problem, at = _between(data, at, min(chunk.offset, end), loose)
+            problem, at = _between(data, at, min(chunk.offset, end), summary, loose)
             if problem or chunk.offset != at:
                 return problem or f"the chunk at byte {chunk.offset} begins within another record"
         at += chunk.length + chunk.index_length
-    problem, at = _between(data, at, end, loose)
+    problem, at = _between(data, at, end, summary, loose)
     if problem or at != end:
         return problem or f"no record begins at byte {at}"
-    if summary.chunks and loose:
+    if summary.chunks and loose.counts:
         return "there are messages outside the chunks"
     return _indexed(summary, loose)
 
 
-def _between(data: mmap.mmap, at: int, end: int, loose: Counter[int]) -> tuple[str, int]:
-    """Walk the records between two chunks; count messages outside chunks by channel."""
+def _between(
+    data: mmap.mmap, at: int, end: int, summary: Summary, loose: Loose
+) -> tuple[str, int]:
+    """Walk the records between two chunks; count messages outside chunks."""
     while at < end:
         if at + RECORD_HEAD.size > end:
             return f"no record begins at byte {at}", at
@@ -117,16 +200,25 @@ def _between(data: mmap.mmap, at: int, end: int, loose: Counter[int]) -> tuple[s
             return f"no record begins at byte {at}", at
         if op in {Op.CHUNK, Op.MESSAGE_INDEX}:
             return f"it does not know the record at byte {at}", at
-        if op == Op.MESSAGE:
-            loose[int.from_bytes(data[at + 9 : at + 11], "little")] += 1
+        if op == Op.MESSAGE and length >= MESSAGE_HEAD.size - RECORD_HEAD.size:
+            loose.add(data, at)
+        elif op in DEFINITIONS and not summary.knows(data[at:stop]):
+            return f"it knows the definition at byte {at} otherwise", at
+        elif not (op in OF_DATA or op >= _PRIVATE or _frames(op, at, stop, end)):
+            return f"the record at byte {at} does not belong there", at
         at = stop
     return "", at
 
 
-def _indexed(summary: Summary, loose: Counter[int]) -> str:
+def _frames(op: int, at: int, stop: int, end: int) -> bool:
+    """Return whether a record begins or ends a data section."""
+    return (op == Op.HEADER and at == len(MAGIC)) or (op == Op.DATA_END and stop == end)
+
+
+def _indexed(summary: Summary, loose: Loose) -> str:
     """Return where the counts disagree with the message indexes or with what is loose."""
     stats, chunks = summary.statistics, summary.chunks
-    counts = loose
+    counts = loose.counts
     if chunks:
         if not all(c.message_indexes and c.index_length for c in chunks):
             return ""
@@ -162,9 +254,9 @@ def _indexed(summary: Summary, loose: Counter[int]) -> str:
         return f"it counts {stats.message_count} messages, the file holds {total}"
     if stats.counts and +Counter(stats.counts) != counts:
         return "it counts other messages of its topics than the file holds"
-    if chunks and total:
-        start = min(c.start_ns for c in chunks)
-        span = start, max(c.end_ns for c in chunks)
+    if total:
+        start = min((c.start_ns for c in chunks), default=loose.start_ns)
+        span = start, max((c.end_ns for c in chunks), default=loose.end_ns)
         if start and span != (stats.start_ns, stats.end_ns):
-            return "it states other times than its chunks"
+            return "it states other times than its chunks or messages"
     return ""

@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 
 from valve_twin.io.bags.definitions import OWN_PACKAGE, type_hash
+from valve_twin.io.limits import CONSTRUCTORS_MEET
 
 _HASH = "RIHS01_"
 
@@ -97,7 +98,7 @@ def _built_hash(package: str, kind: str, name: str) -> str:
         try:
             table = json.loads(path.read_text(encoding="utf-8"))["type_hashes"]
             hashes = {str(t["type_name"]): str(t["hash_string"]) for t in table}
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        except (OSError, *CONSTRUCTORS_MEET):
             continue
         if f"{package}/{kind}/{name}" in hashes:
             return hashes[f"{package}/{kind}/{name}"]

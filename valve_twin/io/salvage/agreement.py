@@ -4,21 +4,27 @@
 
 from __future__ import annotations
 
+import struct
 from collections import Counter
+from itertools import groupby
 from typing import TYPE_CHECKING, NamedTuple
 
-from valve_twin.io.mcap.format import RECORD_HEAD, Op
+from valve_twin.io.mcap.checksum import crc32
+from valve_twin.io.mcap.format import FOOTER_SIZE, RECORD_HEAD, Op
 from valve_twin.io.mcap.index_check import Flaw, find_flaw
 from valve_twin.io.salvage.records import record_end
 from valve_twin.io.salvage.tail import Trust
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from valve_twin.io.mcap.format import ChunkIndex, Statistics
     from valve_twin.io.salvage.piece import Piece
     from valve_twin.io.salvage.records import Bytes
     from valve_twin.io.salvage.tail import Tail
+
+_PIECE = 1 << 24
+_OFFSET = struct.Struct("<BQQ")
 
 
 class Remark(NamedTuple):
@@ -117,6 +123,10 @@ def of_summary(
                     f"it states other places, sizes or topics of the chunk at byte {piece.offset}"
                 )
                 yield Remark(tail.begin, tail.begin, "chunk index", why)
+    unknown = [i for i, n in found.counts.items() if n and i not in summary.channels]
+    if summary.channels and unknown:
+        why = f"it leaves out the topics of channels {', '.join(map(str, sorted(unknown)))}"
+        yield Remark(tail.begin, tail.begin, "summary", why)
     yield from _of_statistics(tail, chunks, found)
 
 
@@ -146,3 +156,77 @@ def _of_statistics(tail: Tail, chunks: Sequence[Piece], found: Statistics) -> It
         problems.append("it states other times than the messages have")
     if problems:
         yield Remark(tail.begin, tail.begin, "statistics", "; ".join(problems))
+
+
+def of_attachment(data: Bytes, at: int, stop: int) -> Remark | None:
+    """Return what is wrong with an attachment, of which nothing is read; None = nothing.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    at, stop : int
+        Where its record begins and ends [B].
+    """
+    crc = int.from_bytes(data[stop - 4 : stop], "little")
+    if crc in {0, crc32(data[at + RECORD_HEAD.size : stop - 4])}:
+        return None
+    return Remark(at, stop, "attachment", "its check sum is wrong")
+
+
+def of_sums(data: Bytes, tail: Tail, check: Callable[[], object]) -> Iterator[Remark]:
+    """Yield what is stated falsely of whole sections of a file in which nothing else is wrong.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    tail : Tail
+        Its end.
+    check : callable
+        Called before each step into another part of it.
+    """
+    begin = tail.begin + RECORD_HEAD.size
+    crc = int.from_bytes(data[begin : begin + 4], "little")
+    if tail.finished and crc:
+        found = 0
+        for at in range(0, tail.begin, _PIECE):
+            check()
+            found = crc32(data[at : min(at + _PIECE, tail.begin)], found)
+        if found != crc:
+            why = "its check sum is wrong: what has none of its own may have been changed"
+            yield Remark(tail.begin, begin + 4, "data section", why)
+    if tail.trust in {Trust.VERIFIED, Trust.UNCHECKED}:
+        yield from _of_offsets(data, begin + 4)
+
+
+def _of_offsets(data: Bytes, start: int) -> Iterator[Remark]:
+    """Yield where the summary offsets, which others read by, name other places than there are."""
+    foot = len(data) - FOOTER_SIZE
+    (at,) = struct.unpack_from("<Q", data, foot + RECORD_HEAD.size + 8)
+    if not at:
+        return
+    spans = [(data[a], a, b) for a, b in _records(data, start, foot)]
+    groups = {
+        (op, rows[0][1], rows[-1][2] - rows[0][1])
+        for op, rows in ((op, list(rows)) for op, rows in groupby(spans, lambda span: span[0]))
+    }
+    offsets = [
+        _OFFSET.unpack_from(data, a + RECORD_HEAD.size)
+        for op, a, b in spans
+        if op == Op.SUMMARY_OFFSET and b - a == RECORD_HEAD.size + _OFFSET.size
+    ]
+    named = {one for one in offsets if one[2]}  # some writers name groups that are empty
+    first = next((a for op, a, _ in spans if op == Op.SUMMARY_OFFSET), foot)
+    if at != first or not named <= groups:
+        yield Remark(at, foot, "summary offsets", "they name other places than there are")
+
+
+def _records(data: Bytes, at: int, end: int) -> Iterator[tuple[int, int]]:
+    """Yield begin and end of each record."""
+    while at < end:
+        stop = record_end(data, at, end)
+        if stop is None:
+            return
+        yield at, stop
+        at = stop

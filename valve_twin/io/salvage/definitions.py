@@ -42,7 +42,7 @@ class Definitions:
     def of(
         cls, tail: Tail, verified: Sequence[Summary], outside: Summary, other: Sequence[Summary]
     ) -> Definitions:
-        """Gather all copies; what is verified wins.
+        """Gather all copies; what is verified wins, the data section over the summary.
 
         Parameters
         ----------
@@ -57,15 +57,22 @@ class Definitions:
         sound = tail.trust is Trust.VERIFIED
         first, last = ([tail.summary], []) if sound else ([], [tail.summary])
         topics: dict[int, list[Channel]] = {}
-        for source in (*first, *verified, outside, *last, *other):
+        for source in (*verified, *first, outside, *last, *other):
             for i, schema in source.schemas.items():
                 copies = found.copies.setdefault(i, [])
                 if schema not in copies:
                     copies.append(schema)
             for i, channel in source.channels.items():
                 topics.setdefault(i, []).append(channel)
-        for source in (*verified, *first):
+        for source in (
+            *first,
+            *reversed(verified),
+        ):  # the data is the truth, its first word counts
             found.channels |= source.channels
+        for schemas in found.copies.values():
+            if len(schemas) > 1:
+                why = f"{len(schemas)} copies of '{schemas[0].name}' differ: the first is used"
+                found.notes.append(("type", why))
         for i, copied in topics.items():
             used = found.channels.setdefault(i, found.likeliest(copied))
             for channel in copied:

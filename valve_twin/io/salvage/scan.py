@@ -12,7 +12,7 @@ from valve_twin.io.mcap.damage import Loss, Salvage
 from valve_twin.io.mcap.format import MAGIC, RECORD_HEAD, ChunkIndex, Op, Statistics
 from valve_twin.io.mcap.mapped import STRIDE
 from valve_twin.io.mcap.summary import Summary
-from valve_twin.io.salvage.agreement import of_chunk, of_summary
+from valve_twin.io.salvage.agreement import of_attachment, of_chunk, of_summary, of_sums
 from valve_twin.io.salvage.chunk import read_heads, unpack
 from valve_twin.io.salvage.definitions import Definitions
 from valve_twin.io.salvage.lost_counts import settle
@@ -37,6 +37,17 @@ if TYPE_CHECKING:
     from valve_twin.io.salvage.records import Bytes
 
 _MAX_LOOSE = 1 << 24
+_OF_SUMMARY = frozenset(
+    {
+        int(Op.STATISTICS),
+        int(Op.CHUNK_INDEX),
+        int(Op.ATTACHMENT_INDEX),
+        int(Op.METADATA_INDEX),
+        int(Op.SUMMARY_OFFSET),
+        int(Op.FOOTER),
+        int(Op.DATA_END),
+    }
+)
 _KINDS = {
     int(Op.HEADER): "file header",
     int(Op.SCHEMA): "definition",
@@ -95,6 +106,9 @@ class Scan:
         self._end_loose(self._end)
         for offset, length, what, why in self._tail.flaws:
             self._tell(offset, offset + length, what, why)
+        if not self._losses:  # else it is wrong for what was told
+            for remark in of_sums(data, self._tail, self._check_whole):
+                self._tell(*remark)
         return self._settled()
 
     def _tell(self, at: int, stop: int, what: str, why: str, count: int | None = 0) -> Loss:
@@ -153,6 +167,10 @@ class Scan:
                 self._outside.add(op, self._data[at + RECORD_HEAD.size : stop])
             except (struct.error, ValueError):
                 self._tell(at, stop, "definition", "cannot be read")
+        elif op == Op.ATTACHMENT and (remark := of_attachment(self._data, at, stop)):
+            self._tell(*remark)
+        elif op in _OF_SUMMARY or (op == Op.HEADER and at != len(MAGIC)):
+            self._tell(at, stop, "record", "it does not belong among the data and is passed over")
 
     def _gap(self, at: int) -> int:
         """Pass bytes in which no record begins."""

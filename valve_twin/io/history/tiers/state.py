@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.past.stored import freeze, thaw
+from valve_twin.io.limits import CONSTRUCTORS_MEET
 from valve_twin.io.sealed import framed
 
 if TYPE_CHECKING:
@@ -47,5 +48,5 @@ def text_state(text: str) -> AgingState | None:
             arrays.append(np.frombuffer(data, dtype, size, at))
             at += dtype.itemsize * size
         return thaw(head["state"], arrays)
-    except (ValueError, KeyError, TypeError, IndexError, RecursionError, zlib.error):
+    except (*CONSTRUCTORS_MEET, zlib.error):
         return None
