@@ -481,3 +481,24 @@ def test_values_over_the_range_are_counted_and_told(tmp_path, kind):
         f"{path}: column 'p': 3 values are over the range (infinite), "
         f"the first is value 5 of {len(over)}; read as no value"
     ]
+
+
+def test_an_hdf5_file_that_states_kind_or_place_of_values_wrongly_is_told(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.mat"
+    foreign.mat73(path)
+    data = path.read_bytes()
+    with h5py.File(path, "r") as file:
+        at = file["log/p"].id.get_offset() - file.userblock_size
+    kind = data.index(b"\x11\x20\x3f\x00\x08\x00\x00\x00")
+    place = data.index(at.to_bytes(8, "little") + (8 * foreign.N).to_bytes(8, "little"))
+    assert not read_recording(path).notices
+    for where, flip, why in (
+        (kind, 0x01, "no measurement has"),  # whole numbers
+        (kind + 1, 0x01, "no measurement has"),  # the other order of bytes
+        (place + 1, 0x10, "stand at one place"),
+    ):
+        out = bytearray(data)
+        out[where] ^= flip
+        path.write_bytes(out)
+        assert any(why in notice for notice in read_recording(path).notices), (where, why)

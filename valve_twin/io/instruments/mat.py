@@ -8,6 +8,7 @@ import math
 import struct
 import zlib
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,12 +20,13 @@ from valve_twin.io.instruments.units import split_name
 from valve_twin.io.limits import unpack_limit
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from valve_twin.core.types import FloatArray
 
 _MOST_DEPTH = 8
+_LARGEST_WHOLE = 2.0**53  # beyond it doubles, as which all is read, tell whole numbers not apart
 _FEWEST = 3  # values of a channel
 _ARRAYS = 64  # columns of one matrix that are channels
 _HEAD = 128  # bytes before the first element of versions 5 to 7
@@ -117,8 +119,18 @@ def read_hdf5(path: Path) -> Sheet:
         with h5py.File(path, "r") as file:
             found = list(_datasets(file, "", h5py, set()))
             check_size(path, sum(int(d.size) * 8 for _, d in found))
+            odd += [
+                f"{path}: the values of {two} stand at one place: its or theirs are wrong"
+                for two in _overlaps(found, int(file.userblock_size), h5py)
+            ]
             for name, dataset in found:
-                arrays += _split(name, np.asarray(dataset[()]).T)
+                values = np.asarray(dataset[()])
+                if _is_misread(values):
+                    odd.append(
+                        f"{path}: '{name}' holds numbers that no measurement has: the file may "
+                        "state their kind wrongly"
+                    )
+                arrays += _split(name, values.T)
                 if _is_odd(dataset, h5py):
                     odd.append(
                         f"{path}: '{name}' is of no usual kind of numbers, its may be wrong"
@@ -134,6 +146,30 @@ def read_hdf5(path: Path) -> Sheet:
         raise BagError(msg) from err
     sheet = _sheet(path, arrays, units)
     return replace(sheet, notices=[*sheet.notices, *odd])
+
+
+def _is_misread(values: np.ndarray[Any, Any]) -> bool:
+    """Return whether numbers look like the bits of others: too large or too small for doubles."""
+    sizes = np.abs(values[values != 0].astype(np.float64))
+    if values.dtype.kind in "iu":
+        return bool((sizes > _LARGEST_WHOLE).any())
+    smallest = np.finfo(values.dtype).tiny if values.dtype.kind == "f" else 0.0
+    return bool((sizes < float(smallest)).any())
+
+
+def _overlaps(found: Sequence[tuple[str, Any]], base: int, h5py: Any) -> Iterator[str]:  # noqa: ANN401
+    """Yield names of what shares bytes: HDF5 has no check sum of where values stand."""
+    spans = []
+    for name, dataset in found:
+        head = base + int(h5py.h5o.get_info(dataset.id).addr)
+        spans.append((head, head + 1, f"'{name}'"))
+        at = dataset.id.get_offset()  # None of what stands in chunks
+        if at is not None:
+            spans.append((int(at), int(at) + int(dataset.id.get_storage_size()), f"'{name}'"))
+    spans.sort()
+    for (_, end, one), (begin, _, other) in pairwise(spans):
+        if begin < end:
+            yield f"{one} and {other}"
 
 
 def _unit_of(dataset: Any) -> str | None:  # noqa: ANN401  h5py has no types
