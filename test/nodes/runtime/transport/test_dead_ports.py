@@ -7,7 +7,10 @@ import mmap
 import os
 import re
 import signal
+import subprocess
+import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -140,19 +143,90 @@ def test_twins_that_follow_a_killed_one_keep_off_its_memory_and_hear(graph, tmp_
 
 
 @pytest.mark.parametrize(
-    ("size", "age_s", "port", "is_there"),
+    ("content", "age_s", "port", "is_open", "is_there"),
     [
-        (0, 3.0, PORT, False),
-        (0, 0.0, PORT, True),
-        (9, 3.0, PORT, True),
-        (0, 3.0, PORT + 250, True),
+        (b"", 3.0, PORT, True, False),
+        (b"", 0.5, PORT, True, True),
+        (b"", 0.0, PORT, False, True),
+        (b"", 0.5, PORT, False, False),
+        (bytes(99), 3.0, PORT, True, False),
+        (bytes(99), 0.5, PORT, True, True),
+        (bytes(99), 0.5, PORT, False, False),
+        (b"\1" + bytes(98), 0.5, PORT, False, False),
+        (b"\2" + bytes(98), 3.0, PORT, False, True),
+        (bytes(99), 3.0, PORT + 250, False, True),
     ],
-    ids=["unborn", "being made", "alive", "of another domain"],
+    ids=[
+        "unborn and waited for",
+        "being made",
+        "being made where nobody sees",
+        "unborn",
+        "unborn with a size and waited for",
+        "being filled",
+        "unborn with a size",
+        "unborn while it was filled",
+        "alive",
+        "of another domain",
+    ],
 )
-def test_a_port_whose_maker_was_killed_is_removed(tmp_path, size, age_s, port, is_there):
-    path = tmp_path / f"fastrtps_port{port}"
-    path.write_bytes(bytes(size))
+def test_a_port_whose_maker_was_killed_is_removed(
+    tmp_path, content, age_s, port, is_open, is_there
+):
+    path, places = tmp_path / f"fastrtps_port{port}", tmp_path / "proc" / "41" / "fd"
+    path.write_bytes(content)
     made_s = time.time() - age_s
     os.utime(path, (made_s, made_s))
-    remove_unborn(3, tmp_path)
-    assert path.exists() == is_there
+    places.mkdir(parents=True)
+    (places / "5").symlink_to(path if is_open else "/dev/null")
+    (places / "6").symlink_to("socket:[7]")
+    with path.open("rb") as waiting:
+        remove_unborn(3, tmp_path, tmp_path / "proc")
+        assert path.exists() == is_there
+        assert waiting.read(4) == (content[:4] if is_there else b"\3\0\0\0")
+
+
+STRANGER = "import rclpy; rclpy.init(); rclpy.create_node('n'); print('made', flush=True)"
+
+
+def leave_unborn(domain):
+    """Leave ports as makers do that were killed half a second ago: no word that they are ready."""
+    first, made_s = 7400 + 250 * domain, time.time() - 0.5
+    for name in ("fastrtps", "fastdds"):
+        for port in range(first + 10, first + 40):
+            path = Path(f"/dev/shm/{name}_port{port}")
+            with suppress(FileExistsError), path.open("xb") as file:
+                file.truncate(52400)
+                os.utime(path, (made_s, made_s))
+
+
+def test_a_node_starts_where_others_were_killed_while_they_made_their_ports(graph, tmp_path):
+    """Restarted at once: what is not ready yet is no older than its maker's end."""
+    leave_unborn(graph.domain)
+    twin = graph.start("twin", history_url=f"sqlite:///{tmp_path}/h.sqlite", **REARM)
+    graph.spin_until(lambda: "is active" in twin.log, 60.0, "the twin")
+
+
+def stands_before_a_port(pid):
+    """Whether a process has one open that is not ready."""
+    for place in Path(f"/proc/{pid}/fd").iterdir():
+        with suppress(OSError):  # it has just been closed
+            path = place.readlink()
+            if re.match(r"/dev/shm/fast\w+_port\d+$", str(path)):
+                with path.open("rb") as file:
+                    if file.read(4) == bytes(4):
+                        return True
+    return False
+
+
+def test_who_stands_before_a_port_without_a_maker_is_let_go(graph):
+    """A stranger stood there for ever, deaf to SIGTERM."""
+    leave_unborn(graph.domain)
+    environment = os.environ | {"ROS_DOMAIN_ID": str(graph.domain)}
+    command = [sys.executable, "-c", STRANGER]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE) as stranger:
+        graph.spin_until(lambda: stands_before_a_port(stranger.pid), 60.0, "it to stand there")
+        stranger.terminate()
+        with pytest.raises(subprocess.TimeoutExpired):
+            stranger.wait(2.5)
+        remove_unborn(graph.domain)
+        assert stranger.wait(60.0) is not None

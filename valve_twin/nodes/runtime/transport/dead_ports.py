@@ -16,6 +16,7 @@ from __future__ import annotations
 import fcntl
 import os
 import re
+import sys
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -29,7 +30,14 @@ _MAPPED = re.compile(rf" (\d+) +/\S*/{_NAME}( \(deleted\))?$", re.MULTILINE)
 """The end of a line of a process's maps: inode, path and whether it has been removed."""
 
 _UNBORN_S = 2.0
-"""A port that is empty for so long has no maker any more: to make one takes microseconds [s]."""
+"""A port that is not ready for so long has no maker: to make one takes microseconds [s]."""
+
+_BEING_MADE_S = 0.2
+"""A younger one may have a maker that cannot be seen from here, in another container [s]."""
+
+_UNREADY = (0, 1)
+_CORRUPTED = 3
+"""First word of a managed segment of boost::interprocess; 2 = ready. Who waits leaves at 3 [1]."""
 
 
 def domain_id() -> int:
@@ -44,27 +52,50 @@ def domain_ports(domain: int) -> range:
     return range(first, first + _PORTS)
 
 
-def remove_unborn(domain: int, memory: Path = Path("/dev/shm")) -> None:
-    """Remove ports whose makers were killed while they made them.
+def remove_unborn(
+    domain: int, memory: Path = Path("/dev/shm"), processes: Path = Path("/proc")
+) -> None:
+    """Remove ports whose makers were killed while they made them, and let go who waits for them.
 
-    They are empty files. A process was seen to stand before one for minutes, in the creation of
-    its participant (boost::interprocess, spin_wait); an empty file alone does not always do that.
+    Whoever opens such a port waits in the creation of its participant until its maker says that it
+    is ready, for ever and deaf to signals (boost::interprocess, `priv_open_or_create`).
 
     Parameters
     ----------
     domain : int
         ROS domain [1].
-    memory : Path
-        Where the kernel shows shared memory; nothing is found where it does not.
+    memory, processes : Path
+        Where the kernel shows shared memory and processes; nothing is found where it does not.
     """
     ports = domain_ports(domain)
     for path in memory.glob("fast*_port*"):
         port = _PORT.fullmatch(path.name)
         if port and int(port[2]) in ports:
             with suppress(OSError):  # somebody else removed it, or it is another user's
-                found = path.stat()
-                if found.st_size == 0 and time.time() - found.st_mtime > _UNBORN_S:
-                    path.unlink()
+                _remove_unborn(path, processes)
+
+
+def _remove_unborn(path: Path, processes: Path) -> None:
+    """Remove a port that is not ready, where nobody is there who could make it so."""
+    with path.open("r+b", buffering=0) as file:
+        word = int.from_bytes(file.read(4), sys.byteorder)
+        if word not in _UNREADY:
+            return
+        age_s = time.time() - os.fstat(file.fileno()).st_mtime
+        if age_s > _UNBORN_S or (age_s > _BEING_MADE_S and not _is_open(path, processes)):
+            file.seek(0)
+            file.write(_CORRUPTED.to_bytes(4, sys.byteorder))
+            path.unlink()
+
+
+def _is_open(path: Path, processes: Path) -> bool:
+    """Return whether another process has a file of shared memory open."""
+    own, there = str(os.getpid()), os.stat(path)
+    for place in processes.glob("[0-9]*/fd/*"):
+        with suppress(OSError):  # it has just been closed
+            if place.parts[-3] != own and os.path.samestat(place.stat(), there):
+                return True
+    return False
 
 
 def has_dead_port(

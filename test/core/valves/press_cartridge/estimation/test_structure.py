@@ -19,6 +19,7 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     Stretch,
 )
 from valve_twin.core.valves.press_cartridge.estimation.structure import (
+    _second_value,
     find_middles,
     second_values,
     whiten_columns,
@@ -134,6 +135,15 @@ def test_a_second_value_and_its_error_are_those_of_least_squares():
         error = np.sqrt(cost[0] / (200 - 4) * np.linalg.inv(u.T @ u)[-1, -1])
         assert found[split] == pytest.approx([theta[-1], error], rel=1e-9)
     assert np.isnan(found[2:]).all()
+
+
+def test_a_split_that_never_moved_tells_nothing_where_rounding_leaves_less_than_nothing():
+    """A campaign warned of the root of such a rest."""
+    rng = np.random.default_rng(5)
+    matrix = np.column_stack([rng.standard_normal((200, 3)), np.zeros(200), rng.random(200)])
+    gram = matrix.T @ matrix
+    gram[3, 3] = -1e-20
+    assert np.isnan(_second_value(gram, 3, 0, 200)).all()
 
 
 def test_the_middle_of_the_motion_halves_its_amount():

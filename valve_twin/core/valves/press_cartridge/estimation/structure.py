@@ -173,7 +173,7 @@ def _splits(
 
 def _second_value(gram: FloatArray, size: int, split: int, rows: int) -> tuple[float, float]:
     """Return the same as `second_values` of one split whose columns are nearly dependent."""
-    scale = np.sqrt(np.diag(gram))
+    scale = np.sqrt(np.maximum(np.diag(gram), 0.0))  # rounding may leave less
     scale = np.where(scale > 0.0, scale, 1.0)
     scaled = gram / np.outer(scale, scale)
     column = size + split
