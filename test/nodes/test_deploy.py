@@ -92,6 +92,12 @@ def wait_until(condition, node, log, timeout: float = 120.0) -> None:
         time.sleep(0.05)
 
 
+def test_a_node_that_starts_anew_has_more_of_a_busy_machine_than_others():
+    """A start takes a second of CPU: with the share of all others it took up to 6 s."""
+    (weight,) = unit()["CPUWeight"]
+    assert 100 < int(weight) <= 10_000
+
+
 def test_every_setting_of_the_environment_file_is_one_of_the_unit():
     parser = configparser.ConfigParser()
     parser.optionxform = str  # type: ignore[assignment, method-assign]

@@ -12,6 +12,7 @@ from valve_twin.nodes.runtime.second_reader import (
     CALM_S,
     LOOK_S,
     MOST_KEPT,
+    PASSED_S,
     PATIENCE_S,
     QUIET_S,
     RESENT_S,
@@ -103,6 +104,47 @@ def test_what_the_second_hears_and_the_first_does_not_tells_that_it_is_deaf(benc
     bench.run(LOOK_S, first=LOOK_S)
     assert bench.gone == bench.made, "the first is heard again"
     assert not bench.reader.stands_in
+
+
+@pytest.fixture
+def told(bench):
+    """Return what a first reader was told to pass over: where that is possible it is heard."""
+    passed: list[Any] = []
+    bench.reader._pass_over = lambda newest: passed.append(newest) or True
+    return passed
+
+
+def test_who_passes_over_what_is_missing_is_not_made_anew_and_loses_nothing(bench, told):
+    bench.run(2.0, first=LOOK_S)
+    assert bench.run(QUIET_S + PATIENCE_S + 3.0 * LOOK_S, second=LOOK_S) == 0
+    assert len(told) == 1, "told once"
+    assert told[0][0].startswith("at "), "of the last that the second heard"
+    assert bench.reader.passed
+    assert bench.run(1.0, first=LOOK_S) == 0
+    assert not bench.taken, "the first hands on what the second had, too"
+    assert not bench.reader.passed
+    assert bench.gone == bench.made
+
+
+def test_who_is_told_and_hears_nothing_all_the_same_is_deaf(bench, told):
+    bench.run(2.0, first=LOOK_S)
+    assert bench.run(QUIET_S + PATIENCE_S + PASSED_S + 4.0 * LOOK_S, second=LOOK_S) == 1
+    assert len(told) == 1
+    assert bench.reader.stands_in
+    bench.run(5.0, first=LOOK_S)
+    told.clear()
+    bench.run(QUIET_S + PATIENCE_S + 3.0 * LOOK_S, second=LOOK_S)
+    assert len(told) == 1, "every time anew"
+
+
+def test_who_keeps_one_message_keeps_the_newest(bench):
+    bench.reader._kept = type(bench.reader._kept)(maxlen=1)
+    bench.run(2.0, first=LOOK_S)
+    bench.run(QUIET_S + LOOK_S, second=LOOK_S)
+    bench.made[-1]("newest")
+    assert bench.reader.newest == ("newest",)
+    bench.reader.hand_over()
+    assert bench.taken == [("newest",)]
 
 
 def test_a_silence_that_both_hear_is_none_of_the_first(bench):

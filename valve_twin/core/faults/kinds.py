@@ -88,9 +88,10 @@ _INPUTS = (
     FaultKind(
         "input.deaf",
         _WARN,
-        "The reliable subscription heard nothing of what another one heard, and was made anew, "
-        "the second time as best effort: behind a message of 0 bytes, which the middleware cannot "
-        "hand on, or from the start on, after a process that was killed.",
+        "The reliable subscription heard nothing of what another one heard: behind a message of "
+        "0 bytes, which the middleware cannot hand on and which is passed over, or from the start "
+        "on, after a process that was killed. What cannot pass it over was made anew, the second "
+        "time as best effort.",
         "Look at the publisher if it sends serialized messages without content; stop nodes with "
         "SIGTERM, not with SIGKILL.",
         heal_s=EVENT_HEAL_S,

@@ -24,6 +24,7 @@ from valve_twin.nodes.runtime.second_reader import (
     SecondReader,
     refused_policy,
 )
+from valve_twin.nodes.runtime.transport.pass_over import pass_over_missing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -93,6 +94,7 @@ class RecordedTopic:
         self._on_message = on_message
         self._policies = dict(policies or {})
         self._first = self._last = self._last_sent_ns = 0
+        self._last_info: Any = {}
         self.lost_transport = self.lost_recorder = 0
         self.publishers = 0
         self._refused = self._told = False
@@ -125,11 +127,8 @@ class RecordedTopic:
         """
         if cause := self._deaf_by():
             self._node.destroy_subscription(self._subscription)
-            self._subscription = self._subscribe()
-            self._node.get_logger().warning(
-                f"{self.name}: {cause}: subscribed anew",
-                throttle_duration_sec=DEAF_TOLD_S,
-            )
+            self._subscription, self._last_info = self._subscribe(), {}
+            self._tell(f"{cause}: subscribed anew")
         count = self._node.count_publishers(self.name)
         changed = count != self.publishers
         if not (changed or self._has_unmet(count)):
@@ -169,6 +168,7 @@ class RecordedTopic:
         """Subscribe, where this is not done; what was sent meanwhile was not wanted."""
         if self._subscription is None:
             self._first = self._last = self._last_sent_ns = 0
+            self._last_info = {}
             self._recent.clear()
             self._second = self._watch()
             self._subscription = self._subscribe()
@@ -223,7 +223,25 @@ class RecordedTopic:
     def _watch(self) -> SecondReader:
         """Return a watch that doubts from the first look on: what it keeps is not lost then."""
         destroy = self._node.destroy_subscription
-        return SecondReader(self._listen_beside, destroy, self._stand_in, start_s=0.0)
+        return SecondReader(
+            self._listen_beside,
+            destroy,
+            lambda *_: None,  # it is recorded when it comes
+            start_s=0.0,
+            pass_over=self._pass_over,
+            most_kept=1,
+        )
+
+    def _pass_over(self, newest: tuple[Any, ...]) -> bool:
+        """Give up what is missing, so that what has arrived behind it is recorded, too."""
+        _, info = message_and_info(newest)
+        done = pass_over_missing(self._node, self.name, self.kind, self._last_info, info)
+        if done:
+            self._tell(f"{DEAF_BEHIND}: passed over")
+        return done
+
+    def _tell(self, text: str) -> None:
+        self._node.get_logger().warning(f"{self.name}: {text}", throttle_duration_sec=DEAF_TOLD_S)
 
     def _deaf_by(self) -> str:
         """Say why this subscription is deaf; empty where it is not."""
@@ -243,12 +261,11 @@ class RecordedTopic:
         return DEAF_FROM_START if unheard else DEAF_BEHIND
 
     def _listen_beside(self, callback: Callable[..., None]) -> Any:
-        """Make the second reader; at the start both record, what one had the other leaves."""
+        """Make the second reader; both record, what one had the other leaves."""
 
         def take(*arguments: Any) -> None:
             callback(*arguments)
-            if self._second.never_heard:
-                self._stand_in(*arguments)
+            self._stand_in(*arguments)
 
         profile = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         return take_with_info(
@@ -263,7 +280,7 @@ class RecordedTopic:
         )
 
     def _stand_in(self, *arguments: Any) -> None:
-        """Take a message of the second reader in place of the deaf one."""
+        """Take a message of the second reader that the first had not."""
         data, info = message_and_info(arguments)
         behind = self._last - int(info["publication_sequence_number"])
         heard = self.publishers == 1 and not self._recent and 0 <= behind < MOST_KEPT
@@ -282,7 +299,7 @@ class RecordedTopic:
 
     def _take(self, *arguments: Any) -> None:
         data, info = message_and_info(arguments)
-        self._second.heard = True
+        self._second.heard, self._last_info = True, info
         if not (self._recent or self._second.is_open) or self._is_new(info):
             self._keep(data, info)
 

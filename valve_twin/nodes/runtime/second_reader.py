@@ -8,7 +8,9 @@ and on the main branch of August 2026) without marking it as received, asks for 
 is sent it for ever, until it has left the publisher's history; with a deep one it never does. No
 executor and no callback is asked. Only that publisher's messages are concerned; a best-effort
 reader goes on. So where a topic falls silent that was not, a best-effort reader is put beside the
-reliable one until that is heard again.
+reliable one until that is heard again. Hears it something, the reliable one is told to pass over
+what is missing (`transport/pass_over.py`): what came behind lies there, and nothing is lost. Where
+it cannot be told, it is made anew.
 
 The same where a reader hears nothing from its start on. One that follows a killed process on the
 port of the dead one is matched and may get nothing for seconds, because the publisher owes the
@@ -39,6 +41,9 @@ START_S = 1.0
 
 PATIENCE_S = 0.2
 """So much later than the second reader the first one may hear [s]."""
+
+PASSED_S = 0.3
+"""A reader that was told to pass over what is missing is heard within this, or deaf [s]."""
 
 RESENT_S = 7.0
 """The same where nothing may be lost: what was lost on the way is asked for every 3 s, and once
@@ -159,6 +164,11 @@ class SecondReader:
         Takes a message of a second reader whose first is deaf, as the first's callback does.
     start_s : float
         A first reader that never heard anything is doubted after this [s].
+    pass_over : callable, optional
+        Gets the last message of the second and tells the first that what is missing before it
+        will not come; returns whether it could.
+    most_kept : int
+        So many messages of the second are kept for `deliver` [1].
 
     Attributes
     ----------
@@ -176,11 +186,15 @@ class SecondReader:
         destroy: Callable[[Any], object],
         deliver: Callable[..., None],
         start_s: float = START_S,
+        *,
+        pass_over: Callable[[tuple[Any, ...]], bool] | None = None,
+        most_kept: int = MOST_KEPT,
     ) -> None:
         self._subscribe, self._destroy, self._deliver = subscribe, destroy, deliver
-        self._start_s = start_s
+        self._start_s, self._pass_over = start_s, pass_over
         self._reader: Any = None
-        self._kept: deque[tuple[Any, ...]] = deque(maxlen=MOST_KEPT)
+        self._kept: deque[tuple[Any, ...]] = deque(maxlen=most_kept)
+        self._passed_s: float | None = None
         self._since_s: float | None = None
         self._last_s: float | None = None
         self._expected_s: float | None = None
@@ -197,6 +211,11 @@ class SecondReader:
     def is_open(self) -> bool:
         """Whether the second reader listens."""
         return self._reader is not None
+
+    @property
+    def passed(self) -> bool:
+        """Whether the first reader was told to pass over what is missing and is not heard yet."""
+        return self._passed_s is not None
 
     def expect(self, now_s: float) -> None:
         """Note that a publisher is there, so that something is to be heard [s]."""
@@ -229,8 +248,8 @@ class SecondReader:
         Returns
         -------
         bool
-            True once the first reader is deaf: to be made anew. Until that one is heard, the
-            second stands in for it.
+            True once the first reader is deaf and could not be helped: to be made anew. Until
+            that one is heard, the second stands in for it.
         """
         if self.heard:
             if self._last_s is not None:
@@ -258,7 +277,7 @@ class SecondReader:
     def close(self) -> None:
         """Take the second reader down; what it kept the first has heard."""
         reader, self._reader = self._reader, None
-        self._since_s, self.stands_in = None, False
+        self._since_s, self._passed_s, self.stands_in = None, None, False
         self._doubted.discard(self)
         self._kept.clear()
         if reader is not None:
@@ -276,6 +295,10 @@ class SecondReader:
             self._since_s = now_s
             self._doubted.add(self)
         if now_s - self._since_s < patience_s:
+            return False
+        if self._passed_s is None and self._pass_over and self._pass_over(self.newest):
+            self._passed_s = now_s
+        if self._passed_s is not None and now_s - self._passed_s < PASSED_S:
             return False
         self.stands_in = True
         self._doubted.discard(self)

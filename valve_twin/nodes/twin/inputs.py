@@ -28,6 +28,7 @@ from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.runtime.node import RCLError
 from valve_twin.nodes.runtime.safety import is_replayed, node_name
 from valve_twin.nodes.runtime.second_reader import Pace, SecondReader, refused_policy
+from valve_twin.nodes.runtime.transport.pass_over import pass_over_missing
 from valve_twin.nodes.twin.topic_graph import TopicGraph
 
 if TYPE_CHECKING:
@@ -127,6 +128,7 @@ class TopicInput:
         self._raw = all(e.is_raw_readable for e in self._extractors)
         self._class = message_class(self.type)
         self._last_sequence = self._stood_in = 0
+        self._last_info: Any = {}
         self._matched = self._met = 0
         self._met_s = -math.inf
         self._since = seconds_now()
@@ -139,7 +141,8 @@ class TopicInput:
         self.refused_policy = ""
         self._lossless = is_replayed(self.topic) or bool(node.get_parameter("use_sim_time").value)
         self._pace = Pace()
-        self._second = SecondReader(self._listen_beside, node.destroy_subscription, self._stand_in)
+        skip, gone = self._pass_over, node.destroy_subscription
+        self._second = SecondReader(self._listen_beside, gone, self._stand_in, pass_over=skip)
         self._subscription = self._subscribe()
 
     def destroy(self) -> None:
@@ -148,13 +151,13 @@ class TopicInput:
         self._node.destroy_subscription(self._subscription)
 
     def look(self, now_s: float) -> None:
-        """Meet the publishers; listen anew where this subscription is deaf.
+        """Meet the publishers; help where this subscription is deaf, or listen anew.
 
         Every `LOOK_S`, so what a topic costs that needs nothing is a few microseconds.
 
-        The second time as best effort: such a reader is not made deaf by what makes a reliable one
-        deaf. A replay sends no message of 0 bytes, but may pause, and waits for all that it has
-        sent.
+        Anew the second time as best effort: such a reader is not made deaf by what makes a
+        reliable one deaf. A replay sends no message of 0 bytes, but may pause, and waits for all
+        that it has sent.
 
         Parameters
         ----------
@@ -179,13 +182,23 @@ class TopicInput:
         alone = beside.heard or unheard or beside.is_alone
         if not beside.look(now_s, self._pace.patience_s(now_s, alone=alone)):
             return
-        self.deaf += 1
-        self.deaf_why = DEAF_FROM_START if unheard else DEAF_BEHIND
+        if not beside.passed:
+            self.deaf, self.deaf_why = self.deaf + 1, DEAF_FROM_START if unheard else DEAF_BEHIND
         self._reliable = now_s - self._deaf_s > FORGOTTEN_S
         self._deaf_s = now_s
         self._listen_anew()
 
+    def _pass_over(self, newest: tuple[Any, ...]) -> bool:
+        """Give up what is missing, so that what has arrived behind it is heard."""
+        _, info = message_and_info(newest)
+        heard = self._last_info if self._matched == 1 else {}
+        if not pass_over_missing(self._node, self.topic, self.type, heard, info):
+            return False
+        self.deaf, self.deaf_why = self.deaf + 1, DEAF_BEHIND
+        return True
+
     def _listen_anew(self) -> None:
+        self._last_info = {}
         self._node.destroy_subscription(self._subscription)
         self._matched = self._met = 0
         self._subscription = self._subscribe()
@@ -223,7 +236,7 @@ class TopicInput:
         if matched == self._matched:
             return
         self._met += max(matched - self._matched, 0)
-        self._matched = matched
+        self._matched, self._last_info = matched, {}
         if self._met > 1:
             self._last_sequence = self._stood_in = 0
 
@@ -341,7 +354,7 @@ class TopicInput:
     def _on_message(self, *arguments: Any) -> None:
         """Keep a message: what comes together is read together."""
         message, info = message_and_info(arguments)
-        self._second.heard = True
+        self._second.heard, self._last_info = True, info
         if self._stood_in:
             if info["publication_sequence_number"] <= self._stood_in and self._matched == 1:
                 return

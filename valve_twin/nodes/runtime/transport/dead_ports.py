@@ -46,6 +46,12 @@ def domain_id() -> int:
     return int(text) if text.isdecimal() else 0
 
 
+def domain_ports(domain: int) -> range:
+    """Return the ports of a domain."""
+    first = _FIRST_PORT + _PORTS * domain
+    return range(first, first + _PORTS)
+
+
 def remove_unborn(
     domain: int, memory: Path = Path("/dev/shm"), processes: Path = Path("/proc")
 ) -> None:
@@ -61,10 +67,10 @@ def remove_unborn(
     memory, processes : Path
         Where the kernel shows shared memory and processes; nothing is found where it does not.
     """
-    first = _FIRST_PORT + _PORTS * domain
+    ports = domain_ports(domain)
     for path in memory.glob("fast*_port*"):
         port = _PORT.fullmatch(path.name)
-        if port and first <= int(port[2]) < first + _PORTS:
+        if port and int(port[2]) in ports:
             with suppress(OSError):  # somebody else removed it, or it is another user's
                 _remove_unborn(path, processes)
 
@@ -104,12 +110,11 @@ def has_dead_port(
     memory, processes : Path
         Where the kernel shows shared memory and processes; nothing is found where it does not.
     """
-    first = _FIRST_PORT + _PORTS * domain
     users, ports = set(), set()
     for path in processes.glob("[0-9]*/maps"):
         with suppress(OSError):  # it has just ended, or belongs to somebody else
             text = path.read_text(encoding="utf-8", errors="replace")
-            found = [m for m in _MAPPED.finditer(text) if first <= int(m[3]) < first + _PORTS]
+            found = [m for m in _MAPPED.finditer(text) if int(m[3]) in domain_ports(domain)]
             ports |= {(m[2], bool(m[4])) for m in found}
             users |= {f"{path.parent.name}:{m[1]}" for m in found}
     note = memory / f"valve_twin_dead_port_{domain}"
