@@ -494,6 +494,13 @@ def test_every_import_is_of_a_package_that_setup_names() -> None:
         assert ros or known in modules, module
 
 
+def test_the_default_set_is_what_is_imported() -> None:
+    """Of an environment of half a gigabyte nothing is there for nothing."""
+    modules = {module.lower() for module in imported("valve_twin")}
+    names = listed("install_requires")
+    assert {n for n in names if IMPORTED_AS.get(n, n).replace("-", "_") not in modules} == set()
+
+
 def test_the_extra_of_the_design_holds_all_that_its_steps_take() -> None:
     (extra,) = re.findall(r'"design": (\[.*?\])', (ROOT / "setup.py").read_text(encoding="utf-8"))
     named = {IMPORTED_AS.get(n, n).lower().replace("-", "_") for n in ast.literal_eval(extra)}
