@@ -142,7 +142,6 @@ setup(
         "rich",
         "rosbags",
         "scipy",
-        "setuptools",
         "sqlalchemy>=2",
         "zstandard",
     ],

@@ -50,7 +50,8 @@ LENGTHY = {
     )
 }
 """Modules of half a minute and more, about the longest of each step of tools/check first: begun
-before all others, for behind one that comes late the other processes have nothing to do."""
+before all others, for behind one that comes late the other processes have nothing to do. `colcon
+test`, which has one process, leaves them out."""
 
 hypothesis.settings.register_profile(
     "deterministic",
@@ -65,6 +66,10 @@ hypothesis.settings.load_profile("deterministic")
 CPU = "cpu_s"
 """Name of what a report says of the CPU of its test or fixture, ended children included [s]."""
 SINCE = pytest.StashKey[float]()
+PACKAGE = "valve_twin"
+"""What colcon calls its results."""
+SHORT = pytest.StashKey[bool]()
+"""Whether what takes long is left out."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -83,16 +88,19 @@ def pytest_report_header() -> str:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Leave the statistical campaigns to who asks for them, as `colcon test` does not."""
+    """Leave to who asks for them the campaigns and, under `colcon test`, all that takes long."""
     if not config.option.markexpr and not config.option.keyword and not _names_tests(config):
-        config.option.markexpr = "not slow"
+        whole = config.args_source is not pytest.Config.ArgsSource.ARGS
+        by_colcon = whole and config.option.junitprefix == PACKAGE
+        config.option.markexpr = "not slow and not alone" if by_colcon else "not slow"
+        config.stash[SHORT] = by_colcon
 
 
 def _names_tests(config: pytest.Config) -> bool:
     return any("::" in argument for argument in config.args)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     for item in items:
         if NODES in item.path.parents:
             item.add_marker(pytest.mark.ros)
@@ -100,6 +108,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if marks & {"ros", "alone"} and not {item.path, *item.path.parents} & set(LIVE):
             msg = f"{item.nodeid}: tools/check does not look for tests marked ros or alone here"
             raise pytest.UsageError(msg)
+    if config.stash.get(SHORT, False):
+        config.hook.pytest_deselected(items=[item for item in items if item.path in LENGTHY])
+        items[:] = [item for item in items if item.path not in LENGTHY]
     items.sort(key=lambda item: LENGTHY.get(item.path, len(LENGTHY)))
 
 

@@ -156,12 +156,24 @@ def test_colcon_test_finds_pytest() -> None:
 
 
 @pytest.mark.parametrize(("more", "lengthy"), [((), False), (("-m", "slow"), True)])
-def test_colcon_test_leaves_out_what_takes_hours(more, lengthy) -> None:
-    """It calls pytest without a choice; `make test-long` runs the others."""
+def test_pytest_leaves_out_what_takes_hours(more, lengthy) -> None:
+    """Without a choice; `make test-long` runs the others."""
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "test/io/test_limits.py"]
     done = subprocess.run([*command, *more], cwd=ROOT, capture_output=True, text=True, check=True)
     assert ("test_none_of_ten_thousand_mutations_does" in done.stdout) is lengthy
     assert ("test_what_people_write_is_read" in done.stdout) is not lengthy
+
+
+@pytest.mark.parametrize("more", [(), ("-m", "not slow"), ("test/io/test_limits.py",)])
+def test_colcon_test_leaves_out_what_takes_long_where_nothing_is_chosen(more) -> None:
+    """It calls pytest by one process, with its name for the results."""
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "--junit-prefix=valve_twin"]
+    few = ["-o", "testpaths=test/io/test_limits.py test/io/test_errors.py"]
+    done = subprocess.run(
+        [*command, *few, *more], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert ("test_what_people_write_is_read" in done.stdout) is bool(more)
+    assert ("test_errors" in done.stdout) is (not more or more[0] == "-m")
 
 
 @pytest.mark.ros
@@ -492,6 +504,13 @@ def test_every_import_is_of_a_package_that_setup_names() -> None:
         known = BROUGHT.get(module, module).lower()
         ros = known.endswith(("_msgs", "_interfaces")) or known in ROS_PACKAGES
         assert ros or known in modules, module
+
+
+def test_the_default_set_is_what_is_imported() -> None:
+    """Of an environment of half a gigabyte nothing is there for nothing."""
+    modules = {module.lower() for module in imported("valve_twin")}
+    names = listed("install_requires")
+    assert {n for n in names if IMPORTED_AS.get(n, n).replace("-", "_") not in modules} == set()
 
 
 def test_the_extra_of_the_design_holds_all_that_its_steps_take() -> None:

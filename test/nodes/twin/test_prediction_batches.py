@@ -117,6 +117,8 @@ def test_every_sample_leaves_once_in_order_in_batches(graph, parameters, monkeyp
     found = graph.record(f"{NS}/twin/prediction", PredictionSeries)
     feeder = Feeder(graph, NS)
     feeder.feed(200)
+    topics = node._valves[0].inputs.topics  # what the middleware still has ends with the readers
+    graph.spin_until(lambda: all(t.received == 200 for t in topics), what="all inputs")
     graph.spin_until(lambda: len(stamps(found)) > 180, what="all but the last batch")
     node.trigger_deactivate()
     graph.spin_until(lambda: len(stamps(found)) >= 200, what="200 samples")
