@@ -261,7 +261,7 @@ def attached(case: Case, rng: np.random.Generator) -> None:
     what = str(rng.choice(["plain", "records", "wrong sum", "wrong size"]))
     data = bytes(rng.integers(0, 256, 300, dtype=np.uint8))
     if what == "records":
-        data = written(Bag(bag.copy().chunks[:2], bag.layout)).data[8:-8]
+        data = written(Bag([*bag.copy().chunks[:2]], bag.layout)).data[8:-8]
     one = attachment("a.bin", data, START_NS, 5 if what == "wrong sum" else None)
     if what == "wrong size":
         at = one.body.index(data) - 8
@@ -649,8 +649,10 @@ class Desk:
         out = self.folder / "out"
         for verb in ("convert", "cut", "estimate", "predict"):
             target = out.with_suffix({"estimate": ".json", "cut": ""}.get(verb, ".csv"))
-            more = ("--json", target) if verb == "estimate" else ("--out", target)
-            more = more if verb == "cut" else ("--config", self.config, *more)
+            more: tuple[str | Path, ...]
+            more = ("--json" if verb == "estimate" else "--out", target)
+            if verb != "cut":
+                more = ("--config", self.config, *more)
             code, text = said(verb, path, *more)
             found[verb] = code, _content(target), text
             shutil.rmtree(target, ignore_errors=True)

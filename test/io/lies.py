@@ -232,7 +232,8 @@ def text(value: str) -> bytes:
 
 def said(body: bytes) -> Said:
     """Take the body of a message apart."""
-    return Said(*struct.unpack_from("<HIQQ", body), body[22:])
+    channel, sequence, log_ns, publish_ns = struct.unpack_from("<HIQQ", body)
+    return Said(channel, sequence, log_ns, publish_ns, body[22:])
 
 
 def spoken(m: Said) -> bytes:
@@ -356,8 +357,8 @@ def written(bag: Bag) -> Written:
         known.append(
             Known(*span, at, len(whole), indexes, len(out) - begin, item.packed, packed_size, size)
         )
-        for one in item.defined:
-            defined.setdefault((one.op, int.from_bytes(one.body[:2], "little")), one)
+        for row in item.defined:
+            defined.setdefault((row.op, int.from_bytes(row.body[:2], "little")), row)
         totals.update(m.channel for m in item.messages)
         logs += [m.log_ns for m in item.messages]
     counts = Counts(

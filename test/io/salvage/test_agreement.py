@@ -4,6 +4,7 @@
 
 import struct
 import zlib
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
@@ -372,7 +373,7 @@ def test_topics_that_no_summary_repeats_are_read_from_the_data(tmp_path, caplog)
 def stray_counts(bag):
     """Put statistics among the data, of a file without a summary."""
     bag.layout = lies.Layout(summary=False)
-    row = lies.replace(lies.written(bag).counts, total=3).record()
+    row = replace(lies.written(bag).counts, total=3).record()
     bag.items.insert(3, lies.Record(row[0], row[9:]))
 
 

@@ -110,7 +110,12 @@ def test_what_the_second_hears_and_the_first_does_not_tells_that_it_is_deaf(benc
 def told(bench):
     """Return what a first reader was told to pass over: where that is possible it is heard."""
     passed: list[Any] = []
-    bench.reader._pass_over = lambda newest: passed.append(newest) or True
+
+    def pass_over(newest: Any) -> bool:
+        passed.append(newest)
+        return True
+
+    bench.reader._pass_over = pass_over
     return passed
 
 
