@@ -86,6 +86,7 @@ def _remove_unborn(path: Path, processes: Path) -> None:
             file.seek(0)
             file.write(_CORRUPTED.to_bytes(4, sys.byteorder))
             path.unlink()
+            path.with_name(f"sem.{path.name}_mutex").unlink(missing_ok=True)  # who waited held it
 
 
 def _is_open(path: Path, processes: Path) -> bool:
