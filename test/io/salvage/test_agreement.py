@@ -17,6 +17,8 @@ from valve_twin.io.bags.contents import bag_info
 from valve_twin.io.bags.read import read_columns
 from valve_twin.io.bags.report import bag_report
 from valve_twin.io.cdr.signals import SignalSource
+from valve_twin.io.mcap import reader
+from valve_twin.io.mcap.index_check import Flaw
 from valve_twin.io.offline.cut import cut
 from valve_twin.io.playback.player import read_messages
 from valve_twin.io.salvage.read import forget
@@ -333,6 +335,24 @@ def test_a_topic_that_is_defined_anew_behind_messages_is_told(tmp_path, caplog):
     assert str(path) in caplog.text
     assert len(found) <= len(sound)
     assert bag_report(path, verify=True)["damaged"]
+
+
+def test_topics_that_every_chunk_defines_again_behind_messages_cost_no_second_look(
+    tmp_path, monkeypatch
+):
+    """Our own writer does so: each chunk was walked twice, the second time by Python."""
+    import_module("valve_twin.io.cdr.columns_kernel")
+    bag = apart("zstd-crc-2000", tmp_path)
+    topic = next(r for c in bag.chunks for r in c.defined if r.op == lies.CHANNEL)
+    for chunk in bag.chunks:
+        chunk.late = topic
+    path = tmp_path / "again.mcap"
+    path.write_bytes(lies.written(bag).data)
+    looked = []
+    monkeypatch.setattr(reader, "find_flaw", lambda *_: looked.append(_) or Flaw.NONE)
+    (found,) = read_columns(path, [SignalSource("position", "/press/position")])
+    assert (len(found), looked) == (120, [])
+    assert len(bag.chunks) > 2
 
 
 def test_messages_of_a_channel_that_nothing_defines_are_told(tmp_path, caplog):

@@ -323,7 +323,10 @@ def _read_chunk(part: _Part, chunk: ChunkIndex | None, store: ColumnStore) -> in
     if part.walker is None or not file.sum_stands:
         return _read_data(part, file.chunk(chunk), store)
     size = _read_data(part, data, store, None if file.damage is not None else chunk)
-    if part.walker.flaw is not Flaw.NONE:
+    flaw, late = part.walker.flaw, None
+    if flaw is Flaw.LATE:  # as in each chunk of a writer that repeats its definitions
+        late = part.walker.late_definitions(data)
+    if flaw is not Flaw.NONE and (late is None or not all(map(file.defined.holds, late))):
         file.doubt(chunk, file.flaw_of(chunk, data))
     return size
 

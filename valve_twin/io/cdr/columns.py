@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.io.mcap.format import RECORD_HEAD
 from valve_twin.io.mcap.index_check import Flaw
 
 if TYPE_CHECKING:
@@ -176,7 +177,7 @@ class Walker:
 
         self._take, self._read = kernel.take, read
         self._flaw_bits = kernel.FLAW_BITS
-        self._stated = np.empty(4, dtype=np.int64)
+        self._stated, self._late = np.zeros(kernel.STATED, dtype=np.int64), kernel.LATE
         self.flaw = Flaw.NONE
         self._rows = {f.row for f in fields}
         steps = max((len(f.layout.steps) for f in fields), default=0)
@@ -225,6 +226,7 @@ class Walker:
             Rows that are odd: of these, nothing was appended.
         """
         store.reserve(len(data) // self._least + 1)
+        self._stated[self._late] = 0
         records = np.frombuffer(data, dtype=np.uint8)
         if content is None or chunk is None:
             content = records
@@ -252,6 +254,28 @@ class Walker:
         if not found >> self._flaw_bits:
             return _NO_ROWS
         return set(np.flatnonzero(store.counts[:, _ODD]).tolist()) & self._rows
+
+    def late_definitions(self, data: bytes | memoryview) -> list[bytes] | None:
+        """Return the definitions behind messages of the chunk just taken, record heads included.
+
+        Parameters
+        ----------
+        data : bytes
+            Its records.
+
+        Returns
+        -------
+        list of bytes or None
+            None where there are more than are looked at, or messages that nothing defines.
+        """
+        count, *places = self._stated[self._late :].tolist()
+        if count >= len(places):
+            return None
+        found = []
+        for at in places[:count]:
+            _, length = RECORD_HEAD.unpack_from(data, at)
+            found.append(bytes(data[at : at + RECORD_HEAD.size + length]))
+        return found
 
 
 def pays(messages: int) -> bool:

@@ -37,7 +37,7 @@ ROW, NEXT, NUMBER, SIZE, BATCHED, STEPS, FIRST_STEP = 0, 1, 2, 3, 4, 5, 6
 # columns of `memory`, `SLOTS` rows a mapped field of a channel; words follow as place, value
 LENGTH, STAMP_AT, VALUE_AT, PERIOD_AT, COUNT, WORDS, FIRST_WORD = 0, 1, 2, 3, 4, 5, 6
 MEMORY_SIZE = FIRST_WORD + 2 * MAX_WORDS
-UNDEFINED = -2
+UNDEFINED, LATE, STATED = -2, 4, 40
 SLOTS = 32
 """Layouts that are kept of a field, by the size of the message [1]."""
 
@@ -47,13 +47,11 @@ MESSAGES, REJECTED, MESSAGES_BEFORE, REJECTED_BEFORE = 0, 1, 2, 3
 
 types: Any = import_module("numba.types")  # untyped: its names are made on import
 
-_UNKNOWN = -1
-_ABSENT = -1
-_TERMINATOR = -1
+_UNKNOWN = _ABSENT = _TERMINATOR = -1
 _MESSAGE, _INDEX = int(Op.MESSAGE), int(Op.MESSAGE_INDEX)
+_SCHEMA, _CHANNEL = int(Op.SCHEMA), int(Op.CHANNEL)
 _NONE, _TORN, _PLACES = int(Flaw.NONE), int(Flaw.TORN), int(Flaw.PLACES)
 _COUNT, _TIMES, _LATE = int(Flaw.COUNT), int(Flaw.TIMES), int(Flaw.LATE)
-_SCHEMA, _CHANNEL = int(Op.SCHEMA), int(Op.CHANNEL)
 FLAW_BITS = 8
 """Bits of what `take` returns that hold the flaw; the others count odd signals."""
 
@@ -319,9 +317,10 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
     ----------
     data : (B,) uint8 array
         Records, one after another.
-    about : (F,) uint8 array, (4,) int64 array
+    about : (F,) uint8 array, (`STATED`,) int64 array
         The file, and what it states of the records: begin and end of their message indexes in it
-        [B], first and last log time [ns]; begin -1 = nothing.
+        [B], first and last log time [ns]; begin -1 = nothing. From `LATE` on, filled: how many
+        definitions stand behind messages, more than there is room for = look; where [B].
     first_of : (C,) int64 array
         By channel, the first of its fields, -1 = none, `UNDEFINED` = nothing defines it.
     plan : (K, .) int64 array
@@ -350,14 +349,16 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
         counts[row, BEFORE], counts[row, ODD] = counts[row, SAMPLES], 0
         read[row, MESSAGES_BEFORE] = read[row, MESSAGES]
         read[row, REJECTED_BEFORE] = read[row, REJECTED]
-    odd, at, end, messages, sum_, late = 0, 0, len(data), 0, 0, False
+    odd, at, end, messages, sum_, stated = 0, 0, len(data), 0, 0, about[1]
     while at + _RECORD_HEAD <= end:
         length = _i64(data, at + 1)
         if length < 0 or length > end - at - _RECORD_HEAD:
             break
         following = at + _RECORD_HEAD + length
         if data[at] != _MESSAGE:
-            late = late or (messages > 0 and (data[at] == _SCHEMA or data[at] == _CHANNEL))
+            if messages > 0 and (data[at] == _SCHEMA or data[at] == _CHANNEL):
+                stated[LATE] += 1
+                stated[min(LATE + stated[LATE], STATED - 1)] = at
             at = following
             continue
         if length < _MESSAGE_HEAD:
@@ -369,7 +370,7 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
         channel = np.int64(_u16(data, at + _CHANNEL_AT))
         sum_ += _mixed(int(channel), _i64(data, at + _LOG_AT), at)
         k = first_of[channel] if channel < len(first_of) else UNDEFINED
-        late = late or k == UNDEFINED
+        stated[LATE] += STATED * (k == UNDEFINED)
         while k >= 0:
             row = plan[k, ROW]
             if counts[row, ODD] != 0:
@@ -442,8 +443,8 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
                 counts[row, SAMPLES] = counts[row, BEFORE]
                 read[row, MESSAGES] = read[row, MESSAGES_BEFORE]
                 read[row, REJECTED] = read[row, REJECTED_BEFORE]
-    if about[1][0] < 0:
+    if stated[0] < 0:
         return odd << FLAW_BITS
-    flaw = _index_flaw(data, messages, sum_, about[0], about[1]) if at == end else _TORN
-    flaw = _LATE if late and flaw == _NONE else flaw
+    flaw = _index_flaw(data, messages, sum_, about[0], stated) if at == end else _TORN
+    flaw = _LATE if stated[LATE] > 0 and flaw == _NONE else flaw
     return odd << FLAW_BITS | flaw

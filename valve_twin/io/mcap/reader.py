@@ -112,7 +112,7 @@ class McapFile:
         self.content: ByteArray = np.frombuffer(self._view, dtype=np.uint8)
         self._compared: set[int] = set()
         self._sums: dict[int, int] = {}
-        self._defined = Defined()
+        self.defined = Defined()
         self.sum_stands = False
         self._unpacker = zstandard.ZstdDecompressor()
         self.summary = Summary()
@@ -123,7 +123,7 @@ class McapFile:
             self._salvaged(self._refusal(err))
         if self.damage is not None:
             self.summary = self.damage.summary
-        self._defined = Defined(self.summary)
+        self.defined = Defined(self.summary)
         self._is_salvaged = self.damage is not None
 
     def _refusal(self, err: Exception) -> BagError:
@@ -178,7 +178,7 @@ class McapFile:
         """Return how the records of a chunk compare with what is stated about them."""
         stated = self._view[index.index_at : index.index_at + index.index_length]
         span, channels = (index.start_ns, index.end_ns), self.summary.channels
-        return find_flaw(records, stated, *span, self._defined.holds, channels)
+        return find_flaw(records, stated, *span, self.defined.holds, channels)
 
     def doubt(self, index: ChunkIndex, flaw: Flaw) -> bool:
         """Take note of how a chunk compares with what is stated about it.
@@ -285,7 +285,7 @@ class McapFile:
         self.sum_stands = crc != 0
         if len(data) != size or (crc and crc32(data) != crc):
             raise self._damaged(index, "its check sum is wrong")
-        if self.damage is None and not self._defined.begins(data):
+        if self.damage is None and not self.defined.begins(data):
             raise _DefinedOtherwiseError(str(self._damaged(index, Flaw.DEFINITIONS.text)))
         return data
 
