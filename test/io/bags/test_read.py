@@ -23,6 +23,7 @@ from valve_twin.io.bags.report import bag_report
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.errors import BagError, ConfigError
+from valve_twin.io.mcap.reader import McapFile
 from valve_twin.io.salvage.read import forget
 
 START_NS = 1_577_836_800_000_000_000
@@ -478,3 +479,33 @@ def test_a_file_that_lacks_messages_of_its_summary_is_named(tmp_path, caplog):
     assert len(stamps) == 3
     assert str(path) in caplog.text
     assert "once held 2 more" in caplog.text
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+@pytest.mark.parametrize("repeated", [True, False])
+@pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE], ids=["indexed", "bare"])
+def test_what_a_writer_leaves_out_of_the_summary_is_no_damage(
+    tmp_path, caplog, chunked, repeated, index
+):
+    path = tmp_path / "sparse.mcap"
+    for count in (0, 300):
+        with path.open("wb") as file:
+            writer = Writer(file, index_types=index, use_chunking=chunked, repeat_schemas=repeated)
+            writer.start("ros2", "test")
+            schema = writer.register_schema(
+                STAMPED_TYPE, "ros2msg", definition(STAMPED_TYPE).encode()
+            )
+            channel = writer.register_channel("/press/position", "cdr", schema)
+            for n in range(count):
+                stamp = START_NS + n * 10_000_000
+                writer.add_message(channel, stamp, encode_stamped(stamp, 0.5), stamp)
+            writer.finish()
+        forget()
+        info = bag_info(path)
+        assert info.message_count == count
+        if count:
+            (found,) = read_columns(path, [POSITION])
+            assert len(found) == count
+            assert not bag_report(path, verify=True)["damaged"]
+            assert McapFile(path).is_sound
+    assert caplog.text == ""

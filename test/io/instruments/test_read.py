@@ -20,6 +20,7 @@ from test.io.instruments import foreign_files as foreign
 from valve_twin.io.errors import BagError
 from valve_twin.io.instruments import table
 from valve_twin.io.instruments.clock import ClockChoice
+from valve_twin.io.instruments.mat import _is_misread
 from valve_twin.io.instruments.read import kind_of, read_recording
 
 # name of the file, who writes it, columns of command and pressure, unit, whether it has a date
@@ -502,3 +503,21 @@ def test_an_hdf5_file_that_states_kind_or_place_of_values_wrongly_is_told(tmp_pa
         out[where] ^= flip
         path.write_bytes(out)
         assert any(why in notice for notice in read_recording(path).notices), (where, why)
+
+
+@pytest.mark.parametrize(
+    ("values", "is_told"),
+    [
+        (1_700_000_000_000_000_000 + 10**7 * np.arange(9), False),
+        (np.exp(-1000.0 * np.arange(9.0)), False),
+        (np.exp(-40.0 * np.arange(9.0)).astype(np.float32), False),
+        (np.full(9, 6e-8, dtype=np.float16), False),
+        (np.zeros(9), False),
+        (np.linspace(0.1, 0.9, 9).view(np.int64), True),
+        (np.linspace(0.1, 0.9, 9).byteswap(), True),
+        (np.arange(1, 10).view(np.float64), True),
+    ],
+    ids=["dates", "dies away", "so in 32 bits", "halves", "rest", "bits", "bytes", "whole"],
+)
+def test_numbers_that_look_like_the_bits_of_others_are_told(values, is_told):
+    assert _is_misread(values) == is_told

@@ -434,7 +434,7 @@ def _check_counts(bag: _Bag) -> None:
                 part.read[row, 0],
             )
         statistics = part.file.summary.statistics
-        if statistics is None or part.file.damage is not None:
+        if statistics is None or not statistics.counts or part.file.damage is not None:
             continue
         for row in {f.row for f in part.fields}:
             read = int(part.read[row, 0])

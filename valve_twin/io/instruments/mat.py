@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 _MOST_DEPTH = 8
 _LARGEST_WHOLE = 2.0**53  # beyond it doubles, as which all is read, tell whole numbers not apart
+_DATES_NS = 0.9e18, 4.1e18  # 1998 to 2099; the bits of a measured double are more
+_HUGE = 1e30
 _FEWEST = 3  # values of a channel
 _ARRAYS = 64  # columns of one matrix that are channels
 _HEAD = 128  # bytes before the first element of versions 5 to 7
@@ -151,10 +153,15 @@ def read_hdf5(path: Path) -> Sheet:
 def _is_misread(values: np.ndarray[Any, Any]) -> bool:
     """Return whether numbers look like the bits of others: too large or too small for doubles."""
     sizes = np.abs(values[values != 0].astype(np.float64))
+    if not len(sizes):
+        return False
+    least, most = float(np.nanmin(sizes)), float(np.nanmax(sizes))
     if values.dtype.kind in "iu":
-        return bool((sizes > _LARGEST_WHOLE).any())
-    smallest = np.finfo(values.dtype).tiny if values.dtype.kind == "f" else 0.0
-    return bool((sizes < float(smallest)).any())
+        return most > _LARGEST_WHOLE and not _DATES_NS[0] <= least <= most < _DATES_NS[1]
+    exact = values.dtype.kind == "f" and values.dtype.itemsize > 2  # halves are used to their end
+    smallest = float(np.finfo(values.dtype).tiny) if exact else 0.0
+    # what dies away comes as low, but not beside huge numbers
+    return least < smallest and (most < smallest or most > _HUGE)
 
 
 def _overlaps(found: Sequence[tuple[str, Any]], base: int, h5py: Any) -> Iterator[str]:  # noqa: ANN401

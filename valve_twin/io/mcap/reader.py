@@ -177,8 +177,8 @@ class McapFile:
     def flaw_of(self, index: ChunkIndex, records: bytes | memoryview) -> Flaw:
         """Return how the records of a chunk compare with what is stated about them."""
         stated = self._view[index.index_at : index.index_at + index.index_length]
-        span, channels = (index.start_ns, index.end_ns), self.summary.channels
-        return find_flaw(records, stated, *span, self.defined.holds, channels)
+        span, defined = (index.start_ns, index.end_ns), self.defined
+        return find_flaw(records, stated, *span, defined.holds, defined.channels)
 
     def doubt(self, index: ChunkIndex, flaw: Flaw) -> bool:
         """Take note of how a chunk compares with what is stated about it.
@@ -361,7 +361,7 @@ class McapFile:
             summary.add(op, tail[begin:end])
         counted = summary.statistics
         known, chunked = summary.chunks, counted is None or counted.chunk_count
-        if (not known and chunked) or (known and not summary.channels):
+        if (not known and chunked) or summary.lacks_definitions:
             summary = self._scan(start)
             summary.statistics = counted or summary.statistics
         problem = contradiction(self._map, summary, start)

@@ -27,7 +27,7 @@ from valve_twin.io.mcap.index_check import DEFINITIONS, ENTRY_SIZE, INDEX_HEAD
 
 if TYPE_CHECKING:
     import mmap
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
 _CHUNK_INDEX = int(Op.CHUNK_INDEX)
 _NO_CHANNEL = 1 << 16
@@ -64,6 +64,12 @@ class Summary:
             found = Metadata.read(Body(body))
             self.metadata[found.name] = found.metadata
 
+    @property
+    def lacks_definitions(self) -> bool:
+        """Whether it repeats no topics, or not the types of all."""
+        schemas = {c.schema_id for c in self.channels.values()} - {0}
+        return not self.channels or not schemas <= self.schemas.keys()
+
     def knows(self, record: bytes | memoryview) -> bool:
         """Return whether a definition, record head included, stands here as it is."""
         body = Body(bytes(record[RECORD_HEAD.size :]))
@@ -86,6 +92,11 @@ class Defined:
     def __init__(self, summary: Summary | None = None) -> None:
         self._summary = summary
         self._seen: set[bytes] = set()
+
+    @property
+    def channels(self) -> Collection[int] | None:
+        """Channels that it knows; None = any, as it is not read yet."""
+        return None if self._summary is None else self._summary.channels
 
     def holds(self, record: bytes) -> bool:
         """Return whether the summary knows a definition, record head included, alike."""

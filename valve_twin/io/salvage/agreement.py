@@ -169,9 +169,18 @@ def of_attachment(data: Bytes, at: int, stop: int) -> Remark | None:
         Where its record begins and ends [B].
     """
     crc = int.from_bytes(data[stop - 4 : stop], "little")
-    if crc in {0, crc32(data[at + RECORD_HEAD.size : stop - 4])}:
+    if crc in {0, _sum(data, at + RECORD_HEAD.size, stop - 4)}:
         return None
     return Remark(at, stop, "attachment", "its check sum is wrong")
+
+
+def _sum(data: Bytes, at: int, stop: int, check: Callable[[], object] = lambda: None) -> int:
+    """Return the check sum of a part, piece by piece: it may be larger than memory."""
+    found = 0
+    for begin in range(at, stop, _PIECE):
+        check()
+        found = crc32(data[begin : min(begin + _PIECE, stop)], found)
+    return found
 
 
 def of_sums(data: Bytes, tail: Tail, check: Callable[[], object]) -> Iterator[Remark]:
@@ -188,14 +197,9 @@ def of_sums(data: Bytes, tail: Tail, check: Callable[[], object]) -> Iterator[Re
     """
     begin = tail.begin + RECORD_HEAD.size
     crc = int.from_bytes(data[begin : begin + 4], "little")
-    if tail.finished and crc:
-        found = 0
-        for at in range(0, tail.begin, _PIECE):
-            check()
-            found = crc32(data[at : min(at + _PIECE, tail.begin)], found)
-        if found != crc:
-            why = "its check sum is wrong: what has none of its own may have been changed"
-            yield Remark(tail.begin, begin + 4, "data section", why)
+    if tail.finished and crc and _sum(data, 0, tail.begin, check) != crc:
+        why = "its check sum is wrong: what has none of its own may have been changed"
+        yield Remark(tail.begin, begin + 4, "data section", why)
     if tail.trust in {Trust.VERIFIED, Trust.UNCHECKED}:
         yield from _of_offsets(data, begin + 4)
 

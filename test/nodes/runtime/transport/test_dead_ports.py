@@ -18,6 +18,7 @@ from valve_twin_msgs.msg import Prediction
 
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, Feeder
+from valve_twin.nodes.runtime.transport import dead_ports
 from valve_twin.nodes.runtime.transport.dead_ports import domain_id, has_dead_port, remove_unborn
 
 PORT = 7400 + 250 * 3 + 11
@@ -185,6 +186,22 @@ def test_a_port_whose_maker_was_killed_is_removed(
         remove_unborn(3, tmp_path, tmp_path / "proc")
         assert path.exists() == mutex.exists() == is_there
         assert waiting.read(4) == (content[:4] if is_there else b"\3\0\0\0")
+
+
+def test_a_port_that_another_node_made_anew_meanwhile_is_left(tmp_path, monkeypatch):
+    path = tmp_path / f"fastrtps_port{PORT}"
+    path.write_bytes(bytes(99))
+    made_s = time.time() - 0.5
+    os.utime(path, (made_s, made_s))
+
+    def slow(*_):
+        path.unlink()
+        path.write_bytes(b"\2" + bytes(98))
+        return False
+
+    monkeypatch.setattr(dead_ports, "_is_open", slow)
+    remove_unborn(3, tmp_path, tmp_path)
+    assert path.read_bytes()[:1] == b"\2"
 
 
 STRANGER = "import rclpy; rclpy.init(); rclpy.create_node('n'); print('made', flush=True)"

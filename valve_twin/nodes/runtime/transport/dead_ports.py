@@ -83,10 +83,12 @@ def _remove_unborn(path: Path, processes: Path) -> None:
             return
         age_s = time.time() - os.fstat(file.fileno()).st_mtime
         if age_s > _UNBORN_S or (age_s > _BEING_MADE_S and not _is_open(path, processes)):
-            file.seek(0)
-            file.write(_CORRUPTED.to_bytes(4, sys.byteorder))
+            if not os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                return  # another node of ours was faster, and a living port has the name
             path.unlink()
             path.with_name(f"sem.{path.name}_mutex").unlink(missing_ok=True)  # who waited held it
+            file.seek(0)  # last: who waits makes the port anew at once
+            file.write(_CORRUPTED.to_bytes(4, sys.byteorder))
 
 
 def _is_open(path: Path, processes: Path) -> bool:

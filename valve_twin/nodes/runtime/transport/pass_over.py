@@ -86,7 +86,8 @@ def pass_over(publisher: Iterable[int], first: int, last: int, domain: int) -> b
     Returns
     -------
     bool
-        False where this process cannot be told: another middleware, security, no port of UDP.
+        False where this process cannot be told: another middleware, security, no port of UDP, or
+        one that takes nothing now.
     """
     if os.environ.get("ROS_SECURITY_ENABLE", "").lower() == "true":
         return False
@@ -95,12 +96,12 @@ def pass_over(publisher: Iterable[int], first: int, last: int, domain: int) -> b
     ports = own_ports(domain)
     if not ports or not 0 < first <= last < first + MOST:
         return False
-    text = gap(bytes(publisher), first, last)
+    text, said = gap(bytes(publisher), first, last), False
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         for port in ports:
-            with suppress(OSError):  # a full buffer: the next look says it again
-                out.sendto(text, ("127.0.0.1", port))
-    return True
+            with suppress(OSError):  # a full buffer
+                said = out.sendto(text, ("127.0.0.1", port)) > 0 or said
+    return said
 
 
 def gap(publisher: bytes, first: int, last: int) -> bytes:

@@ -129,7 +129,7 @@ FEATURE_SET = FeatureSet(
         "rough_low": 0.25,
         "shortfall": 0.16,
         "repeats": 0.02,
-    },  # four of five changes of 24 strangers are smaller (docs/developers/detection.md)
+    },  # four of five changes of 24 strangers are smaller
 )
 """How they are followed, and the faults that they show."""
 

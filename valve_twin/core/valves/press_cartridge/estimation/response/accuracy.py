@@ -13,7 +13,7 @@ Four causes are left after delay and pole are fitted, each derived from the fit 
   the time of the response;
 - steps: a sensor that moves in steps shows a leak to a step in a hold (`unseen`).
 
-The sizes of the constants come from 200 random plants at noise 1e-5 (docs/accuracy.md).
+The sizes of the constants come from 200 random plants at noise 1e-5.
 """
 
 from __future__ import annotations
