@@ -357,9 +357,18 @@ def test_topics_that_every_chunk_defines_again_behind_messages_cost_no_second_lo
     assert len(bag.chunks) > 2
 
 
-def test_messages_of_a_channel_that_nothing_defines_are_told(tmp_path, caplog):
+@pytest.mark.parametrize(
+    "layout",
+    [
+        lies.Layout(indexes=False, counts=False),
+        lies.Layout(indexes=False, summary=False),
+        lies.Layout(indexes=False, known=False),
+    ],
+    ids=["summary", "no summary", "no chunk index"],
+)
+def test_messages_of_a_channel_that_nothing_defines_are_told(tmp_path, caplog, layout):
     bag = apart("zstd-crc-2000", tmp_path)
-    bag.layout = lies.Layout(indexes=False, counts=False)
+    bag.layout = layout
     chunk = bag.chunks[1]
     chunk.messages = [lies.renumbered(m, {1: 77}) for m in chunk.messages]
     path = tmp_path / "lying.mcap"

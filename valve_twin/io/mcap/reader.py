@@ -25,7 +25,7 @@ from valve_twin.io.mcap.format import (
     ChunkIndex,
     Op,
 )
-from valve_twin.io.mcap.index_check import DEFINITIONS, Flaw, find_flaw
+from valve_twin.io.mcap.index_check import Flaw, find_flaw
 from valve_twin.io.mcap.mapped import STRIDE, MappedFile
 from valve_twin.io.mcap.summary import (
     OF_DATA,
@@ -398,10 +398,7 @@ class McapFile:
             elif op in OF_DATA:  # what a summary would say is no truth here
                 summary.add(op, bytes(data[begin:stop]))
         for chunk in summary.chunks:
-            records = self.chunk(chunk)
-            for op, begin, stop in records_of(records):
-                if op in DEFINITIONS:
-                    summary.add(op, records[begin:stop])
+            summary.take(self.chunk(chunk))
         if not summary.chunks:
             summary.statistics = loose.statistics()
         return summary

@@ -40,13 +40,17 @@ OF_DATA = DEFINITIONS | {int(Op.MESSAGE), int(Op.ATTACHMENT), int(Op.METADATA)}
 
 @dataclass(slots=True)
 class Summary:
-    """What a file says about itself; `statistics` is None where it says nothing."""
+    """What a file says about itself; `statistics` is None where it says nothing.
+
+    `used` are channels of messages in chunks, as far as these were looked at.
+    """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[ChunkIndex] = field(default_factory=list)
     statistics: Statistics | None = None
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    used: set[int] = field(default_factory=set)
 
     def add(self, op: int, body: bytes) -> None:
         """Add a definition, index, count or metadata record."""
@@ -63,6 +67,14 @@ class Summary:
         elif op == Op.METADATA:
             found = Metadata.read(Body(body))
             self.metadata[found.name] = found.metadata
+
+    def take(self, records: bytes) -> None:
+        """Take the definitions of a chunk, and which channels its messages have."""
+        for op, begin, end in records_of(records):
+            if op in DEFINITIONS:
+                self.add(op, records[begin:end])
+            elif op == Op.MESSAGE:
+                self.used.add(int.from_bytes(records[begin : begin + 2], "little"))
 
     @property
     def lacks_definitions(self) -> bool:
@@ -195,6 +207,8 @@ def contradiction(data: mmap.mmap, summary: Summary, end: int) -> str:
         return problem or f"no record begins at byte {at}"
     if summary.chunks and loose.counts:
         return "there are messages outside the chunks"
+    if not summary.used | loose.counts.keys() <= summary.channels.keys():
+        return "there are messages of channels that nothing defines"
     return _indexed(summary, loose)
 
 
