@@ -412,14 +412,6 @@ def test_statistics_that_count_no_topic_say_nothing_of_them(tmp_path, caplog):
     assert caplog.text == ""
 
 
-def test_a_record_of_a_kind_of_somebodys_own_is_passed_by(tmp_path):
-    bag = apart("zstd-crc-2000", tmp_path)
-    bag.items.insert(2, lies.Record(0x9A, b"our own"))
-    path = tmp_path / "own.mcap"
-    path.write_bytes(lies.written(bag).data)
-    assert not bag_report(path, verify=True)["damaged"]
-
-
 def stray_counts(bag):
     """Put statistics among the data, of a file without a summary."""
     bag.layout = lies.Layout(summary=False)

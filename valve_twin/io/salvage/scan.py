@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from valve_twin.io.salvage.records import Bytes
 
 _MAX_LOOSE = 1 << 24
-_PRIVATE = 0x80
 _OF_SUMMARY = frozenset(
     {
         int(Op.STATISTICS),
@@ -135,8 +134,6 @@ class Scan:
         stop = claimed_end(data, at, end)
         if stop is None or stop <= at or not may_follow(data, stop, end):
             return self._gap(at)
-        if op >= _PRIVATE and record_end(data, at, end, op=op & ~_PRIVATE) is None:
-            return stop  # somebody's own, not a known one whose kind is damaged
         if op == Op.MESSAGE or not self._chunked:
             self._tell(at, stop, "message", "its head is damaged", None)
         else:
