@@ -64,10 +64,8 @@ class Definitions:
                     copies.append(schema)
             for i, channel in source.channels.items():
                 topics.setdefault(i, []).append(channel)
-        for source in (
-            *first,
-            *reversed(verified),
-        ):  # the data is the truth, its first word counts
+        # the data is the truth, its first word counts
+        for source in (*first, *reversed(verified)):
             found.channels |= source.channels
         for schemas in found.copies.values():
             if len(schemas) > 1:

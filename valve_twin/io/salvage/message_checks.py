@@ -20,6 +20,7 @@ from valve_twin.io.cdr.bag_types import BagTypes
 from valve_twin.io.cdr.signals import STAMPED_TYPE
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.format import MESSAGE_HEAD, RECORD_HEAD, Op
+from valve_twin.io.mcap.index_check import DEFINITIONS
 from valve_twin.io.salvage.records import is_whole, next_record, record_end
 
 if TYPE_CHECKING:
@@ -255,7 +256,7 @@ def _next_start(records: bytes, at: int, starts: list[int]) -> int | None:
     return found
 
 
-_KINDS = frozenset({int(Op.SCHEMA), int(Op.CHANNEL), int(Op.MESSAGE)})
+_KINDS = DEFINITIONS | {int(Op.MESSAGE)}
 
 
 def _contradicted(seen: list[_Seen], places: Places) -> set[int]:
